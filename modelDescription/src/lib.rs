@@ -1,0 +1,9 @@
+//! What a host sees of a model: the one table of variables, and `modelDescription.xml` written from it.
+
+mod table;
+mod xml;
+
+pub use table::{
+    Causality, Group, Initial, Row, TABLE, Value, Variability, count, exists, reference, resolve,
+};
+pub use xml::{MODEL_DESCRIPTION, guid, write};

@@ -1,0 +1,108 @@
+//! Distances between tool shapes and triangles, the only place that knows parry.
+
+use parry3d_f64::math::{Pose, Vector};
+use parry3d_f64::query::PointQuery;
+use parry3d_f64::query::details::distance_support_map_support_map;
+use parry3d_f64::shape::{Segment, Triangle};
+
+use crate::mesh::Vec3;
+use crate::scene;
+
+/// A swept sphere in the world: all points within `radius` of the segment from `tip` to `end`
+/// (equal for a sphere) \[m\].
+#[derive(Clone, Copy, Debug)]
+pub struct Capsule {
+    pub tip: Vec3,
+    pub end: Vec3,
+    pub radius: f64,
+}
+
+impl Capsule {
+    /// Of a tool's shape at a pose, no longer than `length` from the tip. The axis runs from the tool's
+    /// position along its -z.
+    pub fn of(shape: &scene::Shape, pose: &crate::pose::Pose, length: Option<f64>) -> Capsule {
+        let (radius, full) = match shape {
+            scene::Shape::Sphere { radius } => (*radius, 0.0),
+            scene::Shape::Capsule { radius, length } => (*radius, *length),
+            scene::Shape::Compound(_) => (0.0, 0.0),
+        };
+        let reach = length.map_or(full, |l| l.min(full));
+        Capsule {
+            tip: pose.position,
+            end: pose.point(&Vec3::new(0.0, 0.0, -reach)),
+            radius,
+        }
+    }
+
+    /// Lowest and highest corner of its box, grown by `margin` \[m\].
+    pub fn bounds(&self, margin: f64) -> (Vec3, Vec3) {
+        let grow = Vec3::repeat(self.radius + margin);
+        (self.tip.inf(&self.end) - grow, self.tip.sup(&self.end) + grow)
+    }
+
+    /// Whether it touches a triangle.
+    pub fn touches(&self, corners: &[Vec3; 3]) -> bool {
+        let [a, b, c] = corners.map(vector);
+        let triangle = Triangle::new(a, b, c);
+        let distance = if self.tip == self.end {
+            triangle.distance_to_local_point(vector(self.tip), true)
+        } else {
+            let axis = Segment::new(vector(self.tip), vector(self.end));
+            distance_support_map_support_map(&Pose::IDENTITY, &axis, &triangle)
+        };
+        distance < self.radius
+    }
+
+    /// Whether it touches a tetrahedron, inside or out.
+    pub fn touches_tetrahedron(&self, p: &[Vec3; 4]) -> bool {
+        let side = |a: usize, b: usize, c: usize| (p[b] - p[a]).cross(&(p[c] - p[a])).dot(&(self.tip - p[a]));
+        let sides = [side(1, 2, 3), side(0, 3, 2), side(0, 1, 3), side(0, 2, 1)];
+        let inside = sides.iter().all(|s| *s <= 0.0) || sides.iter().all(|s| *s >= 0.0);
+        inside
+            || [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
+                .iter()
+                .any(|f| self.touches(&f.map(|k: usize| p[k])))
+    }
+}
+
+fn vector(v: Vec3) -> Vector {
+    Vector::new(v.x, v.y, v.z)
+}
+
+/// Whether the box of some points meets the box from `low` to `high`.
+pub fn boxes_meet(points: &[Vec3], low: &Vec3, high: &Vec3) -> bool {
+    (0..3).all(|axis| {
+        points.iter().any(|p| p[axis] >= low[axis]) && points.iter().any(|p| p[axis] <= high[axis])
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FLOOR: [Vec3; 3] =
+        [Vec3::new(0.0, 0.0, 0.0), Vec3::new(1.0, 0.0, 0.0), Vec3::new(0.0, 1.0, 0.0)];
+
+    fn capsule(tip: [f64; 3], end: [f64; 3], radius: f64) -> Capsule {
+        Capsule { tip: tip.into(), end: end.into(), radius }
+    }
+
+    #[test]
+    fn a_sphere_touches_at_its_radius() {
+        assert!(capsule([0.2, 0.2, 0.1], [0.2, 0.2, 0.1], 0.1001).touches(&FLOOR));
+        assert!(!capsule([0.2, 0.2, 0.1], [0.2, 0.2, 0.1], 0.0999).touches(&FLOOR));
+    }
+
+    #[test]
+    fn a_shaft_between_the_vertices_touches() {
+        assert!(capsule([0.3, 0.3, -1.0], [0.3, 0.3, 1.0], 0.001).touches(&FLOOR));
+        assert!(!capsule([0.8, 0.8, -1.0], [0.8, 0.8, 1.0], 0.001).touches(&FLOOR));
+    }
+
+    #[test]
+    fn a_small_tip_inside_a_tetrahedron_touches_it() {
+        let p = [FLOOR[0], FLOOR[1], FLOOR[2], Vec3::z()];
+        assert!(capsule([0.2, 0.2, 0.2], [0.2, 0.2, 0.2], 1e-4).touches_tetrahedron(&p));
+        assert!(!capsule([0.5, 0.5, 0.5], [0.5, 0.5, 0.5], 1e-4).touches_tetrahedron(&p));
+    }
+}

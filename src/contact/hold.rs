@@ -1,0 +1,198 @@
+//! Stick contact: a tool holds the vertices of the triangles it touches, and they follow its pose.
+//!
+//! No penalty spring: held vertices are prescribed, the force is read back as their reaction. A probe
+//! lets a vertex go when its reaction turns to pull; a grasper when its jaws open. (The papers'
+//! infinite friction.)
+
+use super::geometry::{Capsule, boxes_meet};
+use crate::mesh::Vec3;
+use crate::model::Model;
+use crate::scene::ToolKind;
+use crate::state::State;
+
+/// A node that follows a path on some axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Held {
+    pub node: u32,
+    /// Tool index, or none for a prescribed node of the scene.
+    pub tool: Option<u32>,
+    /// Which prescribed node of the scene, where no tool holds it.
+    pub support: u32,
+    pub axes: [bool; 3],
+    /// In the tool's frame \[m\].
+    pub local: Vec3,
+    /// Outward normal of the tissue at attachment, in the tool's frame.
+    pub normal: Vec3,
+    /// To be let go.
+    pub pulls: bool,
+    /// Not yet carried through a substep.
+    pub fresh: bool,
+    /// Displacement at the end of the substep \[m\], and the velocity that takes \[m/s\].
+    pub target: Vec3,
+    pub velocity: Vec3,
+}
+
+impl Held {
+    pub fn by_support(support: u32, node: u32, axes: [bool; 3]) -> Held {
+        Held {
+            node,
+            tool: None,
+            support,
+            axes,
+            local: Vec3::zeros(),
+            normal: Vec3::zeros(),
+            pulls: false,
+            fresh: false,
+            target: Vec3::zeros(),
+            velocity: Vec3::zeros(),
+        }
+    }
+}
+
+/// A vertex that a probe has let go.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Released {
+    pub node: u32,
+    pub tool: u32,
+    /// Where it was then, in the tool's frame \[m\], and its outward normal there.
+    pub local: Vec3,
+    pub normal: Vec3,
+}
+
+/// How far, in radii, a vertex that was let go must come at the probe before it is held again. Zero
+/// lets stick and pull chatter at rest; one lets the probe sink in.
+const REATTACH_DEPTH: f64 = 0.05;
+
+/// Force of the tissue on whatever holds a node \[N\]: elastic, damping, external; no inertia.
+pub fn reaction(model: &Model, state: &State, held: &Held) -> Vec3 {
+    let i = held.node as usize;
+    let internal = state.live.tensors.row_product(&model.pattern, i, &state.displacement);
+    let damping = state.velocity[i].xyz() * (state.parameters.damping * state.live.mass[i]);
+    let force = state.external[i].xyz() - internal - damping;
+    Vec3::from_fn(|axis, _| if held.axes[axis] { force[axis] } else { 0.0 })
+}
+
+/// Updates what tool `k` holds. `touched` is scratch.
+pub fn update(model: &Model, state: &mut State, k: usize, touched: &mut Vec<(u32, [u32; 3])>) {
+    let tool = &model.scene.tools[k];
+    let was_active = state.tools[k].active;
+    let active = state.tools[k].input_active;
+    state.tools[k].active = active;
+    match tool.kind {
+        ToolKind::Grasper if active && !was_active => {
+            touch(model, state, k, tool.active_length, touched);
+            attach(model, state, k, touched);
+        }
+        ToolKind::Grasper if !active && was_active => release(model, state, |h| h.tool == Some(k as u32)),
+        ToolKind::Grasper => {}
+        ToolKind::Cautery if active => release(model, state, |h| h.tool == Some(k as u32)),
+        ToolKind::Probe | ToolKind::Cautery => {
+            touch(model, state, k, None, touched);
+            let_go(model, state, k, touched);
+            attach(model, state, k, touched);
+        }
+    }
+}
+
+/// Exposed triangles that the tool touches within `length` of its tip.
+fn touch(
+    model: &Model,
+    state: &State,
+    k: usize,
+    length: Option<f64>,
+    touched: &mut Vec<(u32, [u32; 3])>,
+) {
+    touched.clear();
+    let capsule = Capsule::of(&model.scene.tools[k].shape, &state.tools[k].pose, length);
+    let (low, high) = capsule.bounds(0.0);
+    for face in &state.live.surface {
+        let vertices = state.live.triangle(model, *face);
+        let corners = vertices.map(|v| state.position(model, v));
+        if boxes_meet(&corners, &low, &high) && capsule.touches(&corners) {
+            touched.push((*face, vertices));
+        }
+    }
+    // The order of the surface list depends on the history of cuts; that of contacts shall not.
+    touched.sort_unstable();
+}
+
+/// A probe lets go of vertices that pull, and forgets those it has let go once they are apart.
+fn let_go(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])]) {
+    let tool = k as u32;
+    state.released.retain(|r| {
+        r.tool != tool || touched.iter().any(|(_, vertices)| vertices.contains(&r.node))
+    });
+    for at in 0..state.held.len() {
+        let held = state.held[at];
+        if held.tool != Some(tool) {
+            continue;
+        }
+        let normal = state.tools[k].pose.orientation * held.normal;
+        if reaction(model, state, &held).dot(&normal) < 0.0 {
+            state.released.retain(|r| r.tool != tool || r.node != held.node);
+            let (local, normal) = (held.local, held.normal);
+            state.released.push(Released { node: held.node, tool, local, normal });
+            state.held[at].pulls = true;
+        }
+    }
+    release(model, state, |h| h.pulls);
+}
+
+/// Holds every vertex of the touched triangles that nobody holds yet.
+fn attach(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])]) {
+    let tool = k as u32;
+    let capsule = Capsule::of(&model.scene.tools[k].shape, &state.tools[k].pose, None);
+    for (_, vertices) in touched {
+        let corners = vertices.map(|v| state.position(model, v));
+        let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
+        let Some(normal) = normal.try_normalize(0.0) else { continue };
+        for node in vertices {
+            let i = *node as usize;
+            if state.held.iter().any(|h| h.node == *node && h.tool.is_some()) {
+                continue;
+            }
+            let axes = state.inverse_mass[i].0.map(|w| w > 0.0);
+            let axes = [axes[0], axes[1], axes[2]];
+            if axes == [false; 3] {
+                continue;
+            }
+            let pose = state.tools[k].pose;
+            let local = pose.local(&state.position(model, *node));
+            let came = |r: &Released| (local - r.local).dot(&r.normal);
+            let let_go = state.released.iter().find(|r| r.tool == tool && r.node == *node);
+            if let_go.is_some_and(|r| came(r) < REATTACH_DEPTH * capsule.radius) {
+                continue;
+            }
+            state.held.push(Held {
+                node: *node,
+                tool: Some(tool),
+                support: 0,
+                axes,
+                local,
+                normal: pose.orientation.inverse_transform_vector(&normal),
+                pulls: false,
+                fresh: true,
+                target: Vec3::zeros(),
+                velocity: Vec3::zeros(),
+            });
+            for axis in 0..3 {
+                if axes[axis] {
+                    state.inverse_mass[i].0[axis] = 0.0;
+                }
+            }
+        }
+    }
+}
+
+/// Lets go of all that `which` names; the nodes keep their velocity.
+pub fn release(model: &Model, state: &mut State, which: impl Fn(&Held) -> bool) {
+    let mut at = 0;
+    while at < state.held.len() {
+        if which(&state.held[at]) {
+            let node = state.held.remove(at).node as usize;
+            state.refresh_node(model, node);
+        } else {
+            at += 1;
+        }
+    }
+}

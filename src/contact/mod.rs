@@ -1,0 +1,4 @@
+//! Tools against tissue: who touches whom, and who holds whom.
+
+pub mod geometry;
+pub mod hold;

@@ -1,0 +1,73 @@
+//! Cutting: tetrahedra go, and the account books what goes with them.
+
+use crate::contact::geometry::{Capsule, boxes_meet};
+use crate::contact::hold;
+use crate::mesh::Vec3;
+use crate::model::Model;
+use crate::state::State;
+
+/// Removes one tetrahedron at a substep boundary. Its elastic energy, the kinetic and potential energy
+/// of the mass that goes with it, and what its force lacks in the half-step account, count as
+/// dissipated, so that the balance closes to round-off.
+pub fn remove(model: &Model, state: &mut State, t: u32) {
+    if !state.live.alive[t as usize] {
+        return;
+    }
+    let nodes = model.mesh.tetrahedra[t as usize].map(|v| v as usize);
+    let u = nodes.map(|i| state.displacement[i].xyz());
+    let v = nodes.map(|i| state.velocity[i].xyz());
+    let internal = model.shape[t as usize].linear_force(&model.material(t as usize).lame, &u);
+    let mass = nodes.map(|i| state.live.mass[i]);
+    let external = nodes.map(|i| state.external[i].xyz());
+    state.live.remove(model, t);
+    let (h, c) = (state.clock.substep, state.parameters.damping);
+    let mut lost = 0.0;
+    for k in 0..4 {
+        let i = nodes[k];
+        state.refresh_node(model, i);
+        state.refresh_external(model, i);
+        let mass_gone = mass[k] - state.live.mass[i];
+        let external_gone = external[k] - state.external[i].xyz();
+        let force_gained = internal[k] + v[k] * (c * mass_gone) - external_gone;
+        lost += 0.5 * u[k].dot(&internal[k]) + 0.5 * mass_gone * v[k].norm_squared()
+            - 0.5 * h * v[k].dot(&force_gained)
+            - external_gone.dot(&u[k]);
+        if state.live.star_count[i] == 0 {
+            state.velocity[i] = Default::default();
+            hold::release(model, state, |held| held.node as usize == i);
+        }
+    }
+    state.account.dissipated += lost;
+}
+
+/// Burns what the active tip of cautery `k` touches: all live tetrahedra within its capsule.
+/// `candidates` is scratch.
+pub fn burn(model: &Model, state: &mut State, k: usize, candidates: &mut Vec<u32>) {
+    let tool = &model.scene.tools[k];
+    let capsule = Capsule::of(&tool.shape, &state.tools[k].pose, tool.active_length);
+    // A touched tetrahedron has all its vertices within its longest edge of the capsule; twice the
+    // longest rest edge leaves room for stretch.
+    let (low, high) = capsule.bounds(2.0 * model.longest_edge);
+    let (near_low, near_high) = capsule.bounds(0.0);
+    candidates.clear();
+    for node in 0..state.displacement.len() {
+        let x = state.position(model, node as u32);
+        if (0..3).all(|a| x[a] >= low[a] && x[a] <= high[a]) {
+            for t in model.topology.star(node) {
+                // Once, by its first vertex in the box.
+                if state.live.alive[*t as usize] {
+                    candidates.push(*t);
+                }
+            }
+        }
+    }
+    candidates.sort_unstable();
+    candidates.dedup();
+    for t in candidates.iter() {
+        let corners: [Vec3; 4] =
+            model.mesh.tetrahedra[*t as usize].map(|v| state.position(model, v));
+        if boxes_meet(&corners, &near_low, &near_high) && capsule.touches_tetrahedron(&corners) {
+            remove(model, state, *t);
+        }
+    }
+}

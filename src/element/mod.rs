@@ -1,0 +1,3 @@
+//! Elements: how vertices make a deformation gradient.
+
+pub mod constant_strain;

@@ -1,0 +1,3 @@
+//! Constitutive laws: what one point of tissue answers to a strain.
+
+pub mod linear;

@@ -1,0 +1,27 @@
+//! Soft tissue you can press, pull and cut at haptic rate.
+//!
+//! 1. A scene file becomes a [`scene::Scene`]; [`mesh`] makes or reads its tetrahedra.
+//! 2. [`model::Model`] is what never changes: shape gradients, tensors, boundary, spectrum.
+//! 3. [`simulation::Simulation`] steps a [`state::State`]: contact, forces, integration, n substeps a
+//!    communication step.
+//! 4. [`reference`] solves the same scene's statics directly, for comparison.
+//!
+//! Units are SI throughout. The library knows nothing of FMI.
+
+pub mod contact;
+pub mod cut;
+pub mod element;
+pub mod energy;
+pub mod law;
+pub mod live;
+pub mod mesh;
+pub mod model;
+pub mod pose;
+pub mod prepared;
+pub mod reference;
+pub mod scene;
+pub mod simulation;
+pub mod snapshot;
+pub mod state;
+pub mod statics;
+pub mod step;

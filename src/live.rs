@@ -1,0 +1,183 @@
+//! The live mesh: what cuts have left of the tissue, its tensors, masses and surface.
+
+use crate::mesh::topology::NONE;
+use crate::model::Model;
+use crate::model::tensor_mass::Tensors;
+use crate::scene::{CutMass, Mass};
+
+/// Everything that a cut changes. A pure function of the model and of the list of removals in their
+/// order, to the bit: that list is what a saved state holds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LiveMesh {
+    /// A tetrahedron each.
+    pub alive: Vec<bool>,
+    /// In order of removal.
+    pub removed: Vec<u32>,
+    /// Rest volume of those \[m³\].
+    pub removed_volume: f64,
+    /// Grows with every change.
+    pub revision: u64,
+    /// Live tetrahedra round each vertex; a vertex at 0 is retired.
+    pub star_count: Vec<u32>,
+    pub tensors: Tensors,
+    /// Inertial mass a node \[kg\].
+    pub mass: Vec<f64>,
+    /// Gravitational mass a node \[kg\]: a quarter of each of its tetrahedra, whatever `integration.mass`.
+    pub weight: Vec<f64>,
+    /// Exposed faces, in no order that means anything.
+    pub surface: Vec<u32>,
+    /// Place of each face in `surface`, or [`NONE`].
+    surface_slot: Vec<u32>,
+}
+
+impl LiveMesh {
+    /// The whole mesh of a model under construction.
+    pub(crate) fn whole(model: &Model) -> LiveMesh {
+        let nodes = model.mesh.nodes.len();
+        let mut live = LiveMesh {
+            alive: vec![true; model.mesh.tetrahedra.len()],
+            removed: Vec::with_capacity(model.mesh.tetrahedra.len()),
+            star_count: vec![0; nodes],
+            tensors: Tensors::zeros(&model.pattern),
+            mass: vec![0.0; nodes],
+            weight: vec![0.0; nodes],
+            surface: Vec::with_capacity(model.topology.faces.len()),
+            surface_slot: vec![NONE; model.topology.faces.len()],
+            ..LiveMesh::default()
+        };
+        for (t, tetrahedron) in model.mesh.tetrahedra.iter().enumerate() {
+            let material = model.material(t);
+            let shape = &model.shape[t];
+            live.tensors.accumulate(&model.pattern, tetrahedron, shape, &material.lame, 1.0);
+            for node in tetrahedron {
+                live.star_count[*node as usize] += 1;
+                live.weight[*node as usize] += material.density * shape.volume / 4.0;
+            }
+        }
+        match model.scene.integration.mass {
+            Mass::Lumped => live.mass.clone_from(&live.weight),
+            Mass::Uniform => {
+                let used = live.star_count.iter().filter(|c| **c > 0).count();
+                let share = live.weight.iter().sum::<f64>() / used as f64;
+                for (mass, count) in live.mass.iter_mut().zip(&live.star_count) {
+                    *mass = if *count > 0 { share } else { 0.0 };
+                }
+            }
+        }
+        for (f, face) in model.topology.faces.iter().enumerate() {
+            if face.tetrahedra[1] == NONE {
+                live.expose(f as u32);
+            }
+        }
+        live
+    }
+
+    /// Removes one live tetrahedron: ten tensors, four masses, four faces; exact zeros where a vertex
+    /// or an edge has lost its last. Does nothing to a dead one.
+    /// Returns whether it was alive.
+    pub(crate) fn remove(&mut self, model: &Model, t: u32) -> bool {
+        let index = t as usize;
+        if !std::mem::replace(&mut self.alive[index], false) {
+            return false;
+        }
+        self.removed.push(t);
+        self.revision += 1;
+        let nodes = &model.mesh.tetrahedra[index];
+        let shape = &model.shape[index];
+        let material = model.material(index);
+        self.removed_volume += shape.volume;
+        self.tensors.accumulate(&model.pattern, nodes, shape, &material.lame, -1.0);
+        let share = material.density * shape.volume / 4.0;
+        let removes_weight = model.scene.cutting.mass == CutMass::Removed;
+        let removes_mass = removes_weight && model.scene.integration.mass == Mass::Lumped;
+        for node in nodes {
+            let n = *node as usize;
+            self.star_count[n] -= 1;
+            if self.star_count[n] == 0 {
+                self.weight[n] = 0.0;
+                self.mass[n] = 0.0;
+                self.tensors.clear(&model.pattern, *node, *node);
+            } else {
+                self.weight[n] -= if removes_weight { share } else { 0.0 };
+                self.mass[n] -= if removes_mass { share } else { 0.0 };
+            }
+        }
+        for (a, b) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
+            let (a, b) = (nodes[a], nodes[b]);
+            let survives = model.topology.star(a as usize).iter().any(|s| {
+                self.alive[*s as usize] && model.mesh.tetrahedra[*s as usize].contains(&b)
+            });
+            if !survives {
+                self.tensors.clear(&model.pattern, a, b);
+            }
+        }
+        for f in model.topology.tetrahedron_faces[index] {
+            if self.surface_slot[f as usize] == NONE { self.expose(f) } else { self.cover(f) }
+        }
+        true
+    }
+
+    fn expose(&mut self, face: u32) {
+        self.surface_slot[face as usize] = self.surface.len() as u32;
+        self.surface.push(face);
+    }
+
+    fn cover(&mut self, face: u32) {
+        let slot = std::mem::replace(&mut self.surface_slot[face as usize], NONE);
+        self.surface.swap_remove(slot as usize);
+        if let Some(moved) = self.surface.get(slot as usize) {
+            self.surface_slot[*moved as usize] = slot;
+        }
+    }
+
+    /// Vertices of an exposed face, counter-clockwise from outside.
+    pub fn triangle(&self, model: &Model, face: u32) -> [u32; 3] {
+        let face = &model.topology.faces[face as usize];
+        let [a, b, c] = face.vertices;
+        if self.alive[face.tetrahedra[0] as usize] { [a, b, c] } else { [a, c, b] }
+    }
+
+    /// Brings an older copy of the same history up to date by the removals it lacks; otherwise copies.
+    /// Either way the result equals `newer` to the bit.
+    pub(crate) fn catch_up(&mut self, model: &Model, newer: &LiveMesh) {
+        if newer.removed.starts_with(&self.removed) {
+            for at in self.removed.len()..newer.removed.len() {
+                self.remove(model, newer.removed[at]);
+            }
+        } else {
+            self.clone_from(newer);
+        }
+    }
+
+    /// Connected components through shared vertices.
+    pub fn pieces(&self, model: &Model) -> usize {
+        component_labels(model, &self.alive).0
+    }
+}
+
+/// Number of components of the live tetrahedra and the label of each vertex ([`NONE`]: retired).
+pub(crate) fn component_labels(model: &Model, alive: &[bool]) -> (usize, Vec<u32>) {
+    let mut label = vec![NONE; model.mesh.nodes.len()];
+    let mut count = 0;
+    let mut queue = Vec::new();
+    for seed in 0..label.len() {
+        let star = |v: usize| model.topology.star(v).iter().filter(|t| alive[**t as usize]);
+        if label[seed] != NONE || star(seed).next().is_none() {
+            continue;
+        }
+        label[seed] = count;
+        queue.push(seed);
+        while let Some(vertex) = queue.pop() {
+            for t in star(vertex) {
+                for other in model.mesh.tetrahedra[*t as usize] {
+                    if label[other as usize] == NONE {
+                        label[other as usize] = count;
+                        queue.push(other as usize);
+                    }
+                }
+            }
+        }
+        count += 1;
+    }
+    (count as usize, label)
+}

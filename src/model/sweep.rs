@@ -1,0 +1,191 @@
+//! One substep in one sweep over the tensors: force, velocity, position and the sums of the energy
+//! account, in place.
+//!
+//! Sweeping rows upward, (K u)_i is complete when row i is done and u_i is not read again, so
+//! velocity and position are updated there. Symplectic Euler with velocities at half steps:
+//!
+//! r_n = f_ext - K u_n - c M v_{n-1/2};  v_{n+1/2} = v_{n-1/2} + h M^-1 r_n;  u_{n+1} = u_n + h v_{n+1/2}
+//!
+//! A degree of freedom whose inverse mass is given as 0 keeps its velocity.
+
+use super::tensor_mass::{Lane, Pattern, Tensors};
+
+/// What moves. All slices have one entry a node.
+pub struct Motion<'a> {
+    /// u \[m\]
+    pub displacement: &'a mut [Lane],
+    /// v \[m/s\], half a substep behind.
+    pub velocity: &'a mut [Lane],
+    /// r_n \[N\], written; the fourth lane is undefined.
+    pub residual: &'a mut [Lane],
+    /// Scratch \[N\], zero before and after.
+    pub partial: &'a mut [Lane],
+    /// f_ext \[N\]
+    pub external: &'a [Lane],
+    /// \[1/kg\] an axis, 0 where held.
+    pub inverse_mass: &'a [Lane],
+    /// \[kg\]
+    pub mass: &'a [f64],
+}
+
+/// Sums over all nodes at the substep's start.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Sums {
+    /// u_n . K u_n = twice the elastic energy \[J\]
+    pub elastic: f64,
+    /// v_{n-1/2} . M v_{n+1/2} = twice the kinetic energy \[J\]
+    pub kinetic: f64,
+    /// v_{n+1/2} . M (v_{n-1/2} + v_{n+1/2}); times c h/2 the energy damping takes in this substep \[J\]
+    pub damping: f64,
+    /// f_ext . u_n \[J\]
+    pub external: f64,
+}
+
+/// Runs one substep of length h \[s\] with mass-proportional damping c \[1/s\].
+pub fn sweep(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, h: f64, c: f64) -> Sums {
+    let n = pattern.nodes();
+    let lengths = [
+        m.displacement.len(),
+        m.velocity.len(),
+        m.residual.len(),
+        m.partial.len(),
+        m.external.len(),
+        m.inverse_mass.len(),
+        m.mass.len(),
+    ];
+    assert!(lengths.iter().all(|l| *l == n) && tensors.0.len() == 9 * pattern.column.len() + 3);
+    #[cfg(target_arch = "x86_64")]
+    if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma") {
+        // SAFETY: the features are there; lengths are checked above, columns are below n by
+        // construction of Pattern.
+        return unsafe { avx2(pattern, tensors, m, h, c) };
+    }
+    plain(pattern, tensors, m, h, c)
+}
+
+/// The same in plain code, for machines without AVX2 and as the fast form's oracle.
+pub fn plain(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, h: f64, c: f64) -> Sums {
+    let mut sums = Sums::default();
+    for i in 0..pattern.nodes() {
+        let u_i = m.displacement[i].0;
+        let mut internal = m.partial[i].0;
+        m.partial[i] = Lane::default();
+        for place in pattern.row_start[i] as usize..pattern.row_start[i + 1] as usize {
+            let j = pattern.column[place] as usize;
+            let k = &tensors.0[9 * place..9 * place + 9];
+            let u_j = m.displacement[j].0;
+            for row in 0..3 {
+                internal[row] +=
+                    k[3 * row] * u_j[0] + k[3 * row + 1] * u_j[1] + k[3 * row + 2] * u_j[2];
+            }
+            if j != i {
+                let f_j = &mut m.partial[j].0;
+                for column in 0..3 {
+                    f_j[column] +=
+                        k[column] * u_i[0] + k[3 + column] * u_i[1] + k[6 + column] * u_i[2];
+                }
+            }
+        }
+        let mass = m.mass[i];
+        for axis in 0..3 {
+            let v = m.velocity[i].0[axis];
+            let r = m.external[i].0[axis] - internal[axis] - c * mass * v;
+            let v_new = v + h * m.inverse_mass[i].0[axis] * r;
+            sums.elastic += u_i[axis] * internal[axis];
+            sums.kinetic += mass * v * v_new;
+            sums.damping += mass * v_new * (v + v_new);
+            sums.external += m.external[i].0[axis] * u_i[axis];
+            m.residual[i].0[axis] = r;
+            m.velocity[i].0[axis] = v_new;
+            m.displacement[i].0[axis] = u_i[axis] + h * v_new;
+        }
+    }
+    sums
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+unsafe fn avx2(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, h: f64, c: f64) -> Sums {
+    use std::arch::x86_64::*;
+
+    let u = m.displacement.as_mut_ptr().cast::<f64>();
+    let velocity = m.velocity.as_mut_ptr().cast::<f64>();
+    let residual = m.residual.as_mut_ptr().cast::<f64>();
+    let partial = m.partial.as_mut_ptr().cast::<f64>();
+    let external = m.external.as_ptr().cast::<f64>();
+    let inverse_mass = m.inverse_mass.as_ptr().cast::<f64>();
+    let mass = m.mass.as_ptr();
+    let blocks = tensors.0.as_ptr();
+    let column = pattern.column.as_ptr();
+    let zero = _mm256_setzero_pd();
+    let (h4, minus_c) = (_mm256_set1_pd(h), _mm256_set1_pd(-c));
+    let (mut elastic, mut kinetic, mut damping, mut work) = (zero, zero, zero, zero);
+    let mut place = 0usize;
+    for i in 0..pattern.nodes() {
+        // SAFETY: i < n; place and column[place] stay inside by Pattern's construction; a block's
+        // last four-wide load reaches one number past it, which the padding covers.
+        unsafe {
+            let end = *pattern.row_start.get_unchecked(i + 1) as usize;
+            let u_i = _mm256_load_pd(u.add(4 * i));
+            let x = _mm256_broadcast_sd(&*u.add(4 * i));
+            let y = _mm256_broadcast_sd(&*u.add(4 * i + 1));
+            let z = _mm256_broadcast_sd(&*u.add(4 * i + 2));
+            let block = blocks.add(9 * place);
+            let mut row0 = _mm256_mul_pd(_mm256_loadu_pd(block), u_i);
+            let mut row1 = _mm256_mul_pd(_mm256_loadu_pd(block.add(3)), u_i);
+            let mut row2 = _mm256_mul_pd(_mm256_loadu_pd(block.add(6)), u_i);
+            place += 1;
+            while place < end {
+                let j = *column.add(place) as usize;
+                let block = blocks.add(9 * place);
+                let k0 = _mm256_loadu_pd(block);
+                let k1 = _mm256_loadu_pd(block.add(3));
+                let k2 = _mm256_loadu_pd(block.add(6));
+                let u_j = _mm256_load_pd(u.add(4 * j));
+                row0 = _mm256_fmadd_pd(k0, u_j, row0);
+                row1 = _mm256_fmadd_pd(k1, u_j, row1);
+                row2 = _mm256_fmadd_pd(k2, u_j, row2);
+                let f_j = _mm256_fmadd_pd(k0, x, _mm256_load_pd(partial.add(4 * j)));
+                let f_j = _mm256_fmadd_pd(k2, z, _mm256_fmadd_pd(k1, y, f_j));
+                _mm256_store_pd(partial.add(4 * j), f_j);
+                place += 1;
+            }
+            let low = _mm256_hadd_pd(row0, row1);
+            let high = _mm256_hadd_pd(row2, row2);
+            let own = _mm256_add_pd(
+                _mm256_permute2f128_pd::<0x21>(low, high),
+                _mm256_blend_pd::<0b1100>(low, high),
+            );
+            let internal = _mm256_add_pd(own, _mm256_load_pd(partial.add(4 * i)));
+            _mm256_store_pd(partial.add(4 * i), zero);
+
+            let v = _mm256_load_pd(velocity.add(4 * i));
+            let m_i = _mm256_broadcast_sd(&*mass.add(i));
+            let f = _mm256_load_pd(external.add(4 * i));
+            let mv = _mm256_mul_pd(m_i, v);
+            let r = _mm256_fmadd_pd(minus_c, mv, _mm256_sub_pd(f, internal));
+            let gain = _mm256_mul_pd(h4, _mm256_load_pd(inverse_mass.add(4 * i)));
+            let v_new = _mm256_fmadd_pd(gain, r, v);
+            elastic = _mm256_fmadd_pd(u_i, internal, elastic);
+            kinetic = _mm256_fmadd_pd(mv, v_new, kinetic);
+            let both = _mm256_add_pd(v, v_new);
+            damping = _mm256_fmadd_pd(_mm256_mul_pd(m_i, v_new), both, damping);
+            work = _mm256_fmadd_pd(f, u_i, work);
+            _mm256_store_pd(residual.add(4 * i), r);
+            _mm256_store_pd(velocity.add(4 * i), v_new);
+            _mm256_store_pd(u.add(4 * i), _mm256_fmadd_pd(h4, v_new, u_i));
+        }
+    }
+    let total = |x: __m256d| {
+        let mut lanes = [0.0; 4];
+        // SAFETY: four numbers of room.
+        unsafe { _mm256_storeu_pd(lanes.as_mut_ptr(), x) };
+        (lanes[0] + lanes[1]) + lanes[2]
+    };
+    Sums {
+        elastic: total(elastic),
+        kinetic: total(kinetic),
+        damping: total(damping),
+        external: total(work),
+    }
+}

@@ -1,0 +1,198 @@
+//! The papers' tensor-mass form of a linear stiffness matrix: one 3x3 tensor a vertex and one an edge.
+//!
+//! Upper-half block CSR: row i holds its vertex tensor K_ii, then the edge tensors K_ij of its
+//! neighbours j > i, ascending. The other direction is the transpose, K_ji = K_ij^T, so the order of
+//! an edge's ends never matters. (Cotin, Delingette, Ayache 1998, section 5.)
+
+use nalgebra::Matrix3;
+
+use crate::element::constant_strain::Shape;
+use crate::law::linear::Lame;
+use crate::mesh::Vec3;
+
+/// Three numbers and a zero, aligned for a 32-byte load.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C, align(32))]
+pub struct Lane(pub [f64; 4]);
+
+impl Lane {
+    pub fn xyz(&self) -> Vec3 {
+        Vec3::new(self.0[0], self.0[1], self.0[2])
+    }
+}
+
+impl From<Vec3> for Lane {
+    fn from(v: Vec3) -> Lane {
+        Lane([v.x, v.y, v.z, 0.0])
+    }
+}
+
+/// Which vertices share an edge. Immutable, shared by all instances.
+#[derive(Clone, Debug, Default)]
+pub struct Pattern {
+    /// Row i is `row_start[i]..row_start[i + 1]` of `column`; its first entry is i itself.
+    pub row_start: Vec<u32>,
+    pub column: Vec<u32>,
+    /// Entries (row, place in `column`) with column i and row < i: what row i holds as transposes.
+    lower_start: Vec<u32>,
+    lower: Vec<(u32, u32)>,
+}
+
+impl Pattern {
+    pub fn new(nodes: usize, tetrahedra: &[[u32; 4]]) -> Pattern {
+        let mut edges: Vec<(u32, u32)> = Vec::with_capacity(6 * tetrahedra.len());
+        for t in tetrahedra {
+            for a in 0..4 {
+                for b in a + 1..4 {
+                    edges.push((t[a].min(t[b]), t[a].max(t[b])));
+                }
+            }
+        }
+        edges.extend((0..nodes as u32).map(|i| (i, i)));
+        edges.sort_unstable();
+        edges.dedup();
+        let mut row_start = vec![0u32; nodes + 1];
+        let mut lower_start = vec![0u32; nodes + 1];
+        for (i, j) in &edges {
+            row_start[*i as usize + 1] += 1;
+            if i != j {
+                lower_start[*j as usize + 1] += 1;
+            }
+        }
+        for i in 0..nodes {
+            row_start[i + 1] += row_start[i];
+            lower_start[i + 1] += lower_start[i];
+        }
+        let mut next = lower_start.clone();
+        let mut lower = vec![(0, 0); edges.len() - nodes];
+        for (place, (i, j)) in edges.iter().enumerate() {
+            if i != j {
+                lower[next[*j as usize] as usize] = (*i, place as u32);
+                next[*j as usize] += 1;
+            }
+        }
+        Pattern { row_start, column: edges.into_iter().map(|e| e.1).collect(), lower_start, lower }
+    }
+
+    pub fn nodes(&self) -> usize {
+        self.row_start.len() - 1
+    }
+
+    pub fn edges(&self) -> usize {
+        self.column.len() - self.nodes()
+    }
+
+    fn row(&self, i: usize) -> std::ops::Range<usize> {
+        self.row_start[i] as usize..self.row_start[i + 1] as usize
+    }
+
+    /// Place of the tensor of (i, j), i <= j.
+    fn place(&self, i: u32, j: u32) -> Option<usize> {
+        let row = self.row(i as usize);
+        self.column[row.clone()].binary_search(&j).ok().map(|k| row.start + k)
+    }
+}
+
+/// The tensors \[N/m\]: 9 numbers a place of [`Pattern::column`], by rows, and padding so that a
+/// four-wide load of any row stays inside.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tensors(pub(super) Vec<f64>);
+
+impl Tensors {
+    pub fn zeros(pattern: &Pattern) -> Tensors {
+        Tensors(vec![0.0; 9 * pattern.column.len() + 3])
+    }
+
+    /// Adds (`sign` +1) or removes (-1) one tetrahedron: four vertex tensors, six edge tensors.
+    pub fn accumulate(
+        &mut self,
+        pattern: &Pattern,
+        nodes: &[u32; 4],
+        shape: &Shape,
+        lame: &Lame,
+        sign: f64,
+    ) {
+        for j in 0..4 {
+            for k in 0..4 {
+                if nodes[j] > nodes[k] {
+                    continue;
+                }
+                let Some(place) = pattern.place(nodes[j], nodes[k]) else { continue };
+                let block = lame.stiffness_block(
+                    sign * shape.volume,
+                    &shape.gradient[j],
+                    &shape.gradient[k],
+                );
+                let stored = &mut self.0[9 * place..9 * place + 9];
+                for row in 0..3 {
+                    for column in 0..3 {
+                        stored[3 * row + column] += block[(row, column)];
+                    }
+                }
+            }
+        }
+    }
+
+    /// The tensor of (i, j), either order; zero where they share no edge.
+    pub fn block(&self, pattern: &Pattern, i: u32, j: u32) -> Matrix3<f64> {
+        match pattern.place(i.min(j), i.max(j)) {
+            None => Matrix3::zeros(),
+            Some(place) if i <= j => self.at(place),
+            Some(place) => self.at(place).transpose(),
+        }
+    }
+
+    /// Exact zero for an edge, or with i = j a vertex, that no tetrahedron holds any more.
+    pub fn clear(&mut self, pattern: &Pattern, i: u32, j: u32) {
+        if let Some(place) = pattern.place(i.min(j), i.max(j)) {
+            self.0[9 * place..9 * place + 9].fill(0.0);
+        }
+    }
+
+    fn at(&self, place: usize) -> Matrix3<f64> {
+        Matrix3::from_row_slice(&self.0[9 * place..9 * place + 9])
+    }
+
+    /// (K u)_i \[N\], alone: for the few vertices whose reaction is wanted.
+    pub fn row_product(&self, pattern: &Pattern, i: usize, u: &[Lane]) -> Vec3 {
+        let mut sum = Vec3::zeros();
+        for place in pattern.row(i) {
+            sum += self.at(place) * u[pattern.column[place] as usize].xyz();
+        }
+        let lower = pattern.lower_start[i] as usize..pattern.lower_start[i + 1] as usize;
+        for (j, place) in &pattern.lower[lower] {
+            sum += self.at(*place as usize).tr_mul(&u[*j as usize].xyz());
+        }
+        sum
+    }
+
+    /// K u \[N\], plain. Also the oracle of the fused sweep.
+    pub fn product(&self, pattern: &Pattern, u: &[Lane], out: &mut [Vec3]) {
+        out.fill(Vec3::zeros());
+        for i in 0..pattern.nodes() {
+            let u_i = u[i].xyz();
+            for place in pattern.row(i) {
+                let j = pattern.column[place] as usize;
+                let block = self.at(place);
+                out[i] += block * u[j].xyz();
+                if j != i {
+                    out[j] += block.tr_mul(&u_i);
+                }
+            }
+        }
+    }
+
+    /// Places (i, j, K_ij), i <= j, for a sparse factorisation.
+    pub fn entries<'a>(
+        &'a self,
+        pattern: &'a Pattern,
+    ) -> impl Iterator<Item = (usize, usize, Matrix3<f64>)> + 'a {
+        (0..pattern.nodes()).flat_map(move |i| {
+            pattern.row(i).map(move |place| (i, pattern.column[place] as usize, self.at(place)))
+        })
+    }
+
+    pub fn bytes(&self) -> usize {
+        8 * self.0.len()
+    }
+}

@@ -1,0 +1,121 @@
+//! The same scene's equilibrium by a sparse direct solution: no substeps, no tools.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use crate::live::LiveMesh;
+use crate::mesh::Vec3;
+use crate::model::{Model, ModelError};
+use crate::statics::{self, StaticsError};
+
+/// Node order and tetrahedra as in the scene's mesh.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Reference {
+    /// Rest positions \[m\].
+    pub nodes: Vec<[f64; 3]>,
+    /// \[m\]; 0 for nodes without tetrahedra.
+    pub displacement: Vec<[f64; 3]>,
+    /// Force of the supports on each node that is held on some axis \[N\].
+    pub reaction: BTreeMap<u32, [f64; 3]>,
+    /// Smallest det F.
+    pub minimum_volume_ratio: f64,
+    /// Largest force out of balance relative to the largest force.
+    pub residual: f64,
+    pub iterations: usize,
+}
+
+/// Why a scene has no equilibrium.
+#[derive(Debug, thiserror::Error)]
+pub enum ReferenceError {
+    #[error("{0}: {1}")]
+    Statics(String, StaticsError),
+    #[error("{0}: in equilibrium {1} tetrahedra are inverted (smallest volume ratio {2:.3}); the linear law does not hold for so large a deformation: use less load or stiffer tissue")]
+    Inverted(String, usize, f64),
+}
+
+impl From<ReferenceError> for ModelError {
+    fn from(error: ReferenceError) -> ModelError {
+        match error {
+            ReferenceError::Statics(file, e) => ModelError::Statics(file, e),
+            ReferenceError::Inverted(file, ..) => ModelError::Statics(file, StaticsError::NotHeld),
+        }
+    }
+}
+
+/// Prescribed displacements and loads at full value; all scripted cuts made first where `after_cuts`.
+pub fn solve(model: &Model, after_cuts: bool) -> Result<Reference, ReferenceError> {
+    let mut live = model.whole.clone();
+    if after_cuts {
+        for t in model.cuts.iter().flat_map(|cut| &cut.tetrahedra) {
+            live.remove(model, *t);
+        }
+    }
+    let (u, residual) = equilibrium(model, &live)
+        .map_err(|e| ReferenceError::Statics(model.file.clone(), e))?;
+    let mut smallest = f64::INFINITY;
+    let mut inverted = 0;
+    for (t, nodes) in model.mesh.tetrahedra.iter().enumerate() {
+        if live.alive[t] {
+            let f = model.shape[t].deformation_gradient(&nodes.map(|v| u[v as usize]));
+            smallest = smallest.min(f.determinant());
+            inverted += usize::from(f.determinant() <= 0.0);
+        }
+    }
+    if inverted > 0 {
+        return Err(ReferenceError::Inverted(model.file.clone(), inverted, smallest));
+    }
+    let lanes: Vec<_> = u.iter().map(|u| (*u).into()).collect();
+    let external = external(model, &live);
+    let mut reaction = BTreeMap::new();
+    for (scene_node, node) in model.node.iter().enumerate() {
+        let i = *node as usize;
+        if live.star_count[i] > 0 && model.boundary.free[i] != [true; 3] {
+            let force = live.tensors.row_product(&model.pattern, i, &lanes) - external[i];
+            let held = Vec3::from_fn(|a, _| if model.boundary.free[i][a] { 0.0 } else { force[a] });
+            reaction.insert(scene_node as u32, held.into());
+        }
+    }
+    let by_scene = |of: &dyn Fn(usize) -> Vec3| -> Vec<[f64; 3]> {
+        model.node.iter().map(|node| of(*node as usize).into()).collect()
+    };
+    Ok(Reference {
+        nodes: by_scene(&|i| model.mesh.nodes[i]),
+        displacement: by_scene(&|i| if live.star_count[i] > 0 { u[i] } else { Vec3::zeros() }),
+        reaction,
+        minimum_volume_ratio: if smallest.is_finite() { smallest } else { 1.0 },
+        residual,
+        iterations: 1,
+    })
+}
+
+/// Displacement \[m\] a node, and the relative residual.
+pub fn equilibrium(model: &Model, live: &LiveMesh) -> Result<(Vec<Vec3>, f64), StaticsError> {
+    let mut u = vec![Vec3::zeros(); model.mesh.nodes.len()];
+    for prescribed in &model.boundary.prescribed {
+        for axis in 0..3 {
+            if prescribed.axes[axis] {
+                u[prescribed.node as usize][axis] = prescribed.displacement[axis];
+            }
+        }
+    }
+    let free: Vec<[bool; 3]> = (model.boundary.free.iter().zip(&live.star_count))
+        .map(|(free, stars)| if *stars > 0 { *free } else { [false; 3] })
+        .collect();
+    let external = external(model, live);
+    let residual = statics::solve(&model.pattern, &live.tensors, &free, &external, &mut u)?;
+    Ok((u, residual))
+}
+
+/// Gravity and loads at full value \[N\] a node.
+fn external(model: &Model, live: &LiveMesh) -> Vec<Vec3> {
+    let gravity = Vec3::from(model.scene.gravity);
+    let mut external: Vec<Vec3> = live.weight.iter().map(|m| gravity * *m).collect();
+    for load in &model.boundary.loads {
+        if live.star_count[load.node as usize] > 0 {
+            external[load.node as usize] += load.force;
+        }
+    }
+    external
+}

@@ -1,0 +1,76 @@
+//! What a scene may say and this version cannot do yet.
+
+use serde::Serialize;
+
+use super::error::SceneError;
+use super::parse::extension;
+use super::types::*;
+
+/// `PATH: WHAT is not available in this version; INSTEAD` for the first such thing.
+pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
+    let (model, integration) = (&scene.model, &scene.integration);
+    let averaged = matches!(
+        model.element,
+        Some(Element::NodalPressure | Element::NodalAveraged)
+    );
+    let format = match &scene.mesh {
+        MeshSource::File { file, .. } => extension(file),
+        _ => "msh",
+    };
+    let text = |path: &str| path.to_string();
+    #[rustfmt::skip]
+    let mut table = vec![
+        (model.kind != ModelKind::TensorMass, text("model.kind"), word(&model.kind), "use tensorMass"),
+        (model.dynamic.is_some(), text("model.dynamic"), text("a dynamic part"), "remove it"),
+        (model.connection != Connection::Full, text("model.connection"), text("a choice of connection nodes"), "use \"full\""),
+        (model.interface_modes.is_some(), text("model.interfaceModes"), text("a choice of interface modes"), "use null"),
+        (model.interface_mass != InterfaceMass::Lumped, text("model.interfaceMass"), word(&model.interface_mass), "use lumped"),
+        (model.elasticity != Elasticity::Linear, text("model.elasticity"), word(&model.elasticity), "use linear"),
+        (model.form != Form::PerTetrahedron, text("model.form"), word(&model.form), "use perTetrahedron"),
+        (model.adaptive != Adaptive::Blend, text("model.adaptive"), word(&model.adaptive), "use blend"),
+        (model.nonlinear_threshold != 0.0, text("model.nonlinearThreshold"), text("a non-linear threshold"), "use 0"),
+        (model.incompressibility != 0.0, text("model.incompressibility"), text("a volume penalty"), "use 0"),
+        (averaged, text("model.element"), word(&model.element), "use constantStrain"),
+        (integration.scheme != Scheme::SymplecticEuler, text("integration.scheme"), word(&integration.scheme), "use symplecticEuler"),
+        (scene.cutting.rule != CutRule::Remove, text("cutting.rule"), word(&scene.cutting.rule), "use remove"),
+        (scene.tearing.is_some(), text("tearing"), text("tearing"), "remove it"),
+        (!format.eq_ignore_ascii_case("msh"), text("mesh.file"), format!("the mesh format .{format}"), "use .msh"),
+    ];
+    for (i, material) in scene.materials.iter().enumerate() {
+        let path = format!("materials[{i}].fibre");
+        table.push((
+            material.fibre.is_some(),
+            path,
+            text("a fibre direction"),
+            "remove it",
+        ));
+    }
+    for (i, tool) in scene.tools.iter().enumerate() {
+        let path = |key: &str| format!("tools[{i}].{key}");
+        let (compound, slips) = (
+            matches!(tool.shape, Shape::Compound(_)),
+            tool.slip_force.is_some(),
+        );
+        #[rustfmt::skip]
+        table.extend([
+            (compound, path("shape.compound"), text("a compound shape"), "use sphere or capsule"),
+            (tool.friction != Friction::Stick, path("friction"), text("a Coulomb coefficient"), "use \"stick\""),
+            (slips, path("slipForce"), text("a slip force"), "use null"),
+        ]);
+    }
+    match table.into_iter().find(|(refused, ..)| *refused) {
+        None => Ok(()),
+        Some((_, path, what, instead)) => {
+            let message = format!("{what} is not available in this version; {instead}");
+            Err(SceneError::at("", path, message))
+        }
+    }
+}
+
+/// As the scene file spells it.
+fn word(value: &impl Serialize) -> String {
+    match serde_json::to_value(value) {
+        Ok(serde_json::Value::String(word)) => word,
+        _ => "this".into(),
+    }
+}

@@ -1,0 +1,302 @@
+//! A model, its state and what a host does with them: set inputs, step, read outputs.
+
+use std::sync::Arc;
+
+use crate::energy::{self, Energy};
+use crate::mesh::Vec3;
+use crate::model::{Model, ModelError};
+use crate::scene::Scene;
+use crate::snapshot::{self, SnapshotError};
+use crate::state::{Parameters, State, ToolState};
+use crate::step::{self, StepError, Workspace};
+
+/// One running instance. Instances share nothing but the immutable model.
+#[derive(Debug)]
+pub struct Simulation {
+    model: Arc<Model>,
+    state: State,
+    work: Workspace,
+    scratch: Vec<Vec3>,
+    /// Evaluated when first read after a change.
+    energy: Option<Energy>,
+    pieces: Option<(u64, usize)>,
+    halvings: u32,
+    /// As built, for [`Simulation::reset`].
+    original: Arc<Model>,
+    /// Changed by parameters that need a new model, until [`Simulation::rebuild`].
+    pending: Option<Box<Scene>>,
+    damping_set: bool,
+}
+
+/// What a host may change of a material before the start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Material {
+    YoungModulus,
+    PoissonRatio,
+    Density,
+}
+
+impl Simulation {
+    pub fn new(model: Arc<Model>) -> Simulation {
+        let state = State::new(&model);
+        let work = Workspace::new(&model, &state);
+        let scratch = vec![Vec3::zeros(); model.mesh.nodes.len()];
+        Simulation {
+            original: model.clone(),
+            model,
+            state,
+            work,
+            scratch,
+            energy: None,
+            pieces: None,
+            halvings: 0,
+            pending: None,
+            damping_set: false,
+        }
+    }
+
+    /// The scene with the changes made so far.
+    pub fn pending_scene(&self) -> &Scene {
+        self.pending.as_deref().unwrap_or(&self.model.scene)
+    }
+
+    /// A change that takes effect with [`Simulation::rebuild`].
+    pub fn change_scene(&mut self, change: impl FnOnce(&mut Scene)) {
+        let scene = self.pending.get_or_insert_with(|| Box::new(self.model.scene.clone()));
+        change(scene);
+    }
+
+    pub fn material(&self, k: usize, which: Material) -> f64 {
+        let material = &self.pending_scene().materials[k];
+        match which {
+            Material::YoungModulus => material.young_modulus,
+            Material::PoissonRatio => material.poisson_ratio,
+            Material::Density => material.density,
+        }
+    }
+
+    /// Makes the model anew where the scene was changed, keeping inputs and parameters that were set.
+    /// Returns whether it had to.
+    pub fn rebuild(&mut self) -> Result<bool, ModelError> {
+        let Some(scene) = self.pending.take() else { return Ok(false) };
+        if *scene == self.model.scene {
+            return Ok(false);
+        }
+        let model = Arc::new(self.model.with_scene(*scene)?);
+        let old = std::mem::replace(&mut self.state, State::new(&model));
+        self.work = Workspace::new(&model, &self.state);
+        self.model = model;
+        self.pieces = None;
+        for (new, old) in self.state.tools.iter_mut().zip(&old.tools) {
+            new.input = old.input;
+            new.input_active = old.input_active;
+        }
+        for axis in 0..3 {
+            self.set_gravity(axis, old.parameters.gravity[axis]);
+        }
+        if self.damping_set {
+            self.set_damping(old.parameters.damping);
+        }
+        Ok(true)
+    }
+
+    pub fn model(&self) -> &Arc<Model> {
+        &self.model
+    }
+
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Back to time 0, inputs and parameters at their start values.
+    pub fn reset(&mut self) {
+        self.pending = None;
+        self.damping_set = false;
+        self.halvings = 0;
+        self.pieces = None;
+        if !Arc::ptr_eq(&self.model, &self.original) {
+            self.model = self.original.clone();
+            self.work = Workspace::new(&self.model, &State::new(&self.model));
+        }
+        self.state = State::new(&self.model);
+        self.forget();
+    }
+
+    /// Places the tools where the inputs say, before the first step.
+    /// The error is the number of the tool, from 1, whose orientation is zero.
+    pub fn place_tools(&mut self) -> Result<(), StepError> {
+        for (k, tool) in self.state.tools.iter_mut().enumerate() {
+            tool.pose = tool.input.pose().ok_or(StepError::Orientation(k + 1))?;
+            tool.lines = [None; 3];
+        }
+        Ok(())
+    }
+
+    /// Advances by `length` \[s\]; on an error nothing has changed.
+    pub fn step(&mut self, length: f64) -> Result<(), StepError> {
+        self.forget();
+        self.halvings = step::step(&self.model, &mut self.state, &mut self.work, length)?;
+        Ok(())
+    }
+
+    /// How often the last step had to halve its substep.
+    pub fn halvings(&self) -> u32 {
+        self.halvings
+    }
+
+    fn forget(&mut self) {
+        self.energy = None;
+    }
+
+    /// Seconds from the start.
+    pub fn time(&self) -> f64 {
+        self.state.clock.time()
+    }
+
+    pub fn tool(&self, k: usize) -> &ToolState {
+        &self.state.tools[k]
+    }
+
+    /// Component 0..3 of the position \[m\], 3..7 of the quaternion w x y z. Used by the next step.
+    pub fn set_pose_input(&mut self, tool: usize, component: usize, value: f64) {
+        let input = &mut self.state.tools[tool].input;
+        input.value[component] = value;
+    }
+
+    /// First time derivative of a pose component; used for one step, then forgotten.
+    pub fn set_pose_rate(&mut self, tool: usize, component: usize, rate: f64) {
+        self.state.tools[tool].input.rate[component] = Some(rate);
+    }
+
+    pub fn set_active(&mut self, tool: usize, active: bool) {
+        self.state.tools[tool].input_active = active;
+    }
+
+    pub fn parameters(&self) -> &Parameters {
+        &self.state.parameters
+    }
+
+    /// \[m/s²\]. The change of the potential counts as work of the supports.
+    pub fn set_gravity(&mut self, axis: usize, value: f64) {
+        let change = value - self.state.parameters.gravity[axis];
+        let moment: f64 = (self.state.live.weight.iter().zip(&self.state.displacement))
+            .map(|(m, u)| m * u.0[axis])
+            .sum();
+        self.state.account.support_work -= change * moment;
+        self.state.parameters.gravity[axis] = value;
+        for node in 0..self.state.displacement.len() {
+            self.state.refresh_external(&self.model, node);
+        }
+        self.forget();
+        self.restart_account();
+    }
+
+    /// \[1/s\]; the substep follows its critical value.
+    pub fn set_damping(&mut self, value: f64) {
+        self.damping_set = true;
+        let change = value - self.state.parameters.damping;
+        let twice_kinetic: f64 = (self.state.live.mass.iter().zip(&self.state.velocity))
+            .map(|(m, v)| m * v.xyz().norm_squared())
+            .sum();
+        self.state.account.dissipated += 0.5 * self.state.clock.substep * change * twice_kinetic;
+        self.state.parameters.damping = value;
+        self.state.nominal_substep = self.model.substep(value);
+        if self.state.clock.total == 0 {
+            self.state.clock.substep = self.state.nominal_substep;
+        }
+        self.forget();
+        self.restart_account();
+    }
+
+    /// Before the first step the account starts with the parameters as they are.
+    fn restart_account(&mut self) {
+        if self.state.clock.total == 0 {
+            self.state.account = Default::default();
+            self.state.account.start = self.state.energy(&self.model).balance();
+        }
+    }
+
+    pub fn energy(&mut self) -> Energy {
+        if let Some(energy) = self.energy {
+            return energy;
+        }
+        let energy = energy::evaluate(&self.model, &self.state, &mut self.scratch);
+        *self.energy.insert(energy)
+    }
+
+    /// Current position of shown vertex j \[m\].
+    pub fn surface_vertex(&self, j: usize) -> Vec3 {
+        self.state.position(&self.model, self.model.surface_nodes[j])
+    }
+
+    /// Row j of the exposed triangles, as indices into the shown vertices, outward; -1 past their number.
+    pub fn surface_triangle(&self, j: usize) -> [i32; 3] {
+        let Some(face) = self.state.live.surface.get(j) else { return [-1; 3] };
+        self.state.live.triangle(&self.model, *face).map(|v| self.model.shown_index(v))
+    }
+
+    pub fn surface_triangle_count(&self) -> usize {
+        self.state.live.surface.len()
+    }
+
+    pub fn pieces(&mut self) -> usize {
+        let revision = self.state.live.revision;
+        match self.pieces {
+            Some((known, pieces)) if known == revision => pieces,
+            _ => {
+                let pieces = self.state.live.pieces(&self.model);
+                self.pieces = Some((revision, pieces));
+                pieces
+            }
+        }
+    }
+
+    /// Largest stable substep at the present damping \[s\].
+    pub fn critical_substep(&self) -> f64 {
+        self.model.critical_step(self.state.parameters.damping)
+    }
+
+    /// Substep in use \[s\].
+    pub fn substep(&self) -> f64 {
+        self.state.clock.substep
+    }
+
+    /// Smallest det F over live tetrahedra; 1 where none is left.
+    pub fn minimum_volume_ratio(&self) -> f64 {
+        minimum_volume_ratio(&self.model, &self.state)
+    }
+
+    pub fn save(&self) -> State {
+        self.state.clone()
+    }
+
+    pub fn restore(&mut self, saved: &State) {
+        self.state.copy_from(&self.model, saved);
+        self.forget();
+        self.pieces = None;
+    }
+
+    /// Bytes from which another process restores the state of the same model, to the bit.
+    pub fn serialise(&self, state: &State) -> Vec<u8> {
+        snapshot::write(&self.model, state)
+    }
+
+    pub fn deserialise(&self, bytes: &[u8]) -> Result<State, SnapshotError> {
+        snapshot::read(&self.model, bytes)
+    }
+}
+
+fn minimum_volume_ratio(model: &Model, state: &State) -> f64 {
+    let ratio = model
+        .mesh
+        .tetrahedra
+        .iter()
+        .enumerate()
+        .filter(|(t, _)| state.live.alive[*t])
+        .map(|(t, nodes)| {
+            let u = nodes.map(|v| state.displacement[v as usize].xyz());
+            model.shape[t].deformation_gradient(&u).determinant()
+        })
+        .fold(f64::INFINITY, f64::min);
+    if ratio.is_finite() { ratio } else { 1.0 }
+}

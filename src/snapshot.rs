@@ -1,0 +1,282 @@
+//! A saved state as bytes: self-contained, versioned, checked.
+//!
+//! The live mesh is written as the list of removals in their order; replaying it gives the same bits.
+//! Little-endian throughout.
+
+use nalgebra::{Quaternion, UnitQuaternion};
+
+use crate::contact::hold::{Held, Released};
+use crate::energy::Account;
+use crate::mesh::Vec3;
+use crate::model::tensor_mass::Lane;
+use crate::model::{Fnv, Model};
+use crate::pose::{Line, Pose, PoseInput};
+use crate::state::{Clock, Parameters, State, ToolState};
+
+const MAGIC: &[u8; 8] = b"tissueS1";
+
+/// Why bytes are not a state of this model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SnapshotError {
+    #[error("these bytes are not a saved state of this version")]
+    Version,
+    #[error("the saved state belongs to another scene or mesh")]
+    OtherModel,
+    #[error("the saved state is damaged or cut short")]
+    Damaged,
+}
+
+/// Numbers one after the other; the same calls in the same order read what was written.
+struct Out(Vec<u8>);
+
+impl Out {
+    fn int(&mut self, value: u64) {
+        self.0.extend_from_slice(&value.to_le_bytes());
+    }
+
+    fn real(&mut self, value: f64) {
+        self.int(value.to_bits());
+    }
+
+    fn reals<const N: usize>(&mut self, values: [f64; N]) {
+        values.iter().for_each(|v| self.real(*v));
+    }
+
+    fn option(&mut self, value: Option<f64>) {
+        self.int(u64::from(value.is_some()));
+        self.real(value.unwrap_or(0.0));
+    }
+
+    fn axes(&mut self, axes: [bool; 3]) {
+        self.int(axes.iter().enumerate().map(|(k, a)| u64::from(*a) << k).sum());
+    }
+
+    fn xyz(&mut self, lanes: &[Lane]) {
+        lanes.iter().for_each(|l| self.reals([l.0[0], l.0[1], l.0[2]]));
+    }
+}
+
+struct In<'a>(&'a [u8]);
+
+impl In<'_> {
+    fn int(&mut self) -> Result<u64, SnapshotError> {
+        let (head, tail) = self.0.split_first_chunk::<8>().ok_or(SnapshotError::Damaged)?;
+        self.0 = tail;
+        Ok(u64::from_le_bytes(*head))
+    }
+
+    /// A number below `limit`.
+    fn index(&mut self, limit: usize) -> Result<usize, SnapshotError> {
+        let value = self.int()? as usize;
+        if value < limit { Ok(value) } else { Err(SnapshotError::Damaged) }
+    }
+
+    fn flag(&mut self) -> Result<bool, SnapshotError> {
+        Ok(self.index(2)? == 1)
+    }
+
+    fn real(&mut self) -> Result<f64, SnapshotError> {
+        Ok(f64::from_bits(self.int()?))
+    }
+
+    fn reals<const N: usize>(&mut self) -> Result<[f64; N], SnapshotError> {
+        let mut values = [0.0; N];
+        for value in &mut values {
+            *value = self.real()?;
+        }
+        Ok(values)
+    }
+
+    fn vector(&mut self) -> Result<Vec3, SnapshotError> {
+        Ok(Vec3::from(self.reals::<3>()?))
+    }
+
+    fn option(&mut self) -> Result<Option<f64>, SnapshotError> {
+        let some = self.flag()?;
+        let value = self.real()?;
+        Ok(some.then_some(value))
+    }
+
+    fn axes(&mut self) -> Result<[bool; 3], SnapshotError> {
+        let bits = self.index(8)?;
+        Ok([0, 1, 2].map(|k| bits >> k & 1 == 1))
+    }
+
+    fn xyz(&mut self, lanes: &mut [Lane]) -> Result<(), SnapshotError> {
+        for lane in lanes {
+            *lane = self.vector()?.into();
+        }
+        Ok(())
+    }
+}
+
+pub fn write(model: &Model, state: &State) -> Vec<u8> {
+    let mut out = Out(Vec::with_capacity(size(state)));
+    out.0.extend_from_slice(MAGIC);
+    out.int(model.fingerprint);
+    let clock = state.clock;
+    out.reals([clock.anchor, clock.substep]);
+    out.int(clock.ticks);
+    out.int(clock.total);
+    out.xyz(&state.displacement);
+    out.xyz(&state.velocity);
+    out.int(state.live.removed.len() as u64);
+    state.live.removed.iter().for_each(|t| out.int(u64::from(*t)));
+    out.int(state.held.len() as u64);
+    for held in &state.held {
+        out.int(u64::from(held.node));
+        out.int(held.tool.map_or(0, |t| u64::from(t) + 1));
+        out.int(u64::from(held.support));
+        out.axes(held.axes);
+        out.reals(held.local.into());
+        out.reals(held.normal.into());
+        out.int(u64::from(held.fresh));
+    }
+    out.int(state.released.len() as u64);
+    for released in &state.released {
+        out.int(u64::from(released.node));
+        out.int(u64::from(released.tool));
+        out.reals(released.local.into());
+        out.reals(released.normal.into());
+    }
+    for tool in &state.tools {
+        out.reals(tool.input.value);
+        tool.input.rate.iter().for_each(|r| out.option(*r));
+        out.int(u64::from(tool.input_active));
+        out.reals(tool.pose.position.into());
+        let q = tool.pose.orientation.into_inner();
+        out.reals([q.w, q.i, q.j, q.k]);
+        for line in &tool.lines {
+            out.int(u64::from(line.is_some()));
+            let line = line.unwrap_or(Line { origin: 0.0, rate: 0.0, substep: 0.0, ticks: 0 });
+            out.reals([line.origin, line.rate, line.substep]);
+            out.int(line.ticks);
+        }
+        out.int(u64::from(tool.active));
+        out.reals(tool.force.into());
+        out.reals(tool.torque.into());
+        out.reals(tool.mean_force.into());
+        out.int(u64::from(tool.in_contact));
+    }
+    let account = state.account;
+    out.reals([account.tool_work, account.support_work, account.dissipated, account.start]);
+    out.int(u64::from(account.strikes));
+    out.reals(state.parameters.gravity);
+    out.real(state.parameters.damping);
+    out.int(state.cuts_done as u64);
+    out.reals([state.since_haptic, state.nominal_substep]);
+    let mut check = Fnv::default();
+    check.write(&out.0);
+    out.int(check.0);
+    out.0
+}
+
+/// Length of what [`write`] makes.
+pub fn size(state: &State) -> usize {
+    let words = 1 + 1 + 4
+        + 6 * state.displacement.len()
+        + 1 + state.live.removed.len()
+        + 1 + 11 * state.held.len()
+        + 1 + 8 * state.released.len()
+        + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1) * state.tools.len()
+        + 5 + 4 + 1 + 2 + 1;
+    8 * words
+}
+
+pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
+    let rest = bytes.strip_prefix(MAGIC.as_slice()).ok_or(SnapshotError::Version)?;
+    let (body, check) = bytes.split_last_chunk::<8>().ok_or(SnapshotError::Damaged)?;
+    let mut sum = Fnv::default();
+    sum.write(body);
+    if sum.0 != u64::from_le_bytes(*check) {
+        return Err(SnapshotError::Damaged);
+    }
+    let mut input = In(&rest[..rest.len() - 8]);
+    if input.int()? != model.fingerprint {
+        return Err(SnapshotError::OtherModel);
+    }
+    let nodes = model.mesh.nodes.len();
+    let tools = model.scene.tools.len();
+    let mut state = State::new(model);
+    let [anchor, substep] = input.reals()?;
+    state.clock = Clock { anchor, substep, ticks: input.int()?, total: input.int()? };
+    input.xyz(&mut state.displacement)?;
+    input.xyz(&mut state.velocity)?;
+    for _ in 0..input.index(model.mesh.tetrahedra.len() + 1)? {
+        let t = input.index(model.mesh.tetrahedra.len())?;
+        state.live.remove(model, t as u32);
+    }
+    let supports = model.boundary.prescribed.len();
+    state.held.clear();
+    for _ in 0..input.index(2 * nodes + 1)? {
+        let node = input.index(nodes)? as u32;
+        let tool = input.index(tools + 1)?;
+        let support = input.index(supports.max(1))? as u32;
+        if tool == 0 && supports == 0 {
+            return Err(SnapshotError::Damaged);
+        }
+        state.held.push(Held {
+            tool: tool.checked_sub(1).map(|t| t as u32),
+            axes: input.axes()?,
+            local: input.vector()?,
+            normal: input.vector()?,
+            fresh: input.flag()?,
+            ..Held::by_support(support, node, [false; 3])
+        });
+    }
+    state.released.clear();
+    for _ in 0..input.index(nodes * tools + 1)? {
+        state.released.push(Released {
+            node: input.index(nodes)? as u32,
+            tool: input.index(tools)? as u32,
+            local: input.vector()?,
+            normal: input.vector()?,
+        });
+    }
+    for tool in &mut state.tools {
+        *tool = read_tool(&mut input)?;
+    }
+    let [tool_work, support_work, dissipated, start] = input.reals()?;
+    let strikes = input.int()? as u32;
+    state.account = Account { tool_work, support_work, dissipated, start, strikes };
+    state.parameters = Parameters { gravity: input.reals()?, damping: input.real()? };
+    state.cuts_done = input.index(model.cuts.len() + 1)?;
+    [state.since_haptic, state.nominal_substep] = input.reals()?;
+    if !input.0.is_empty() {
+        return Err(SnapshotError::Damaged);
+    }
+    state.refresh_all(model);
+    Ok(state)
+}
+
+fn read_tool(input: &mut In) -> Result<ToolState, SnapshotError> {
+    let value = input.reals()?;
+    let mut rate = [None; 7];
+    for r in &mut rate {
+        *r = input.option()?;
+    }
+    let input_active = input.flag()?;
+    let position = input.vector()?;
+    let [w, x, y, z] = input.reals()?;
+    let mut lines = [None; 3];
+    for line in &mut lines {
+        let some = input.flag()?;
+        let [origin, rate, substep] = input.reals()?;
+        let ticks = input.int()?;
+        *line = some.then_some(Line { origin, rate, substep, ticks });
+    }
+    Ok(ToolState {
+        input: PoseInput { value, rate },
+        input_active,
+        pose: Pose {
+            position,
+            orientation: UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)),
+        },
+        lines,
+        active: input.flag()?,
+        force: input.vector()?,
+        torque: input.vector()?,
+        mean_force: input.vector()?,
+        in_contact: input.flag()?,
+    })
+}

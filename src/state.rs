@@ -1,0 +1,227 @@
+//! Everything that changes while a scene runs. Its copy is a saved state.
+
+use crate::contact::hold::{Held, Released};
+use crate::energy::Account;
+use crate::live::LiveMesh;
+use crate::mesh::Vec3;
+use crate::model::Model;
+use crate::model::boundary::ramp;
+use crate::model::tensor_mass::Lane;
+use crate::pose::{Line, Pose, PoseInput};
+
+/// Time, counted in substeps; it is never summed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Clock {
+    /// \[s\] from the start, where the present substep length began to hold.
+    pub anchor: f64,
+    /// Substeps since then.
+    pub ticks: u64,
+    /// Length of the present, or last, substep h \[s\].
+    pub substep: f64,
+    /// Substeps since the start.
+    pub total: u64,
+}
+
+impl Clock {
+    /// \[s\] from the start.
+    pub fn time(&self) -> f64 {
+        self.anchor + self.ticks as f64 * self.substep
+    }
+}
+
+/// What a host may change at any time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parameters {
+    /// \[m/s²\]
+    pub gravity: [f64; 3],
+    /// \[1/s\], mass-proportional.
+    pub damping: f64,
+}
+
+/// One tool: what the host says, where it is, what it feels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ToolState {
+    pub input: PoseInput,
+    /// Jaws closed, current on: as set by the host.
+    pub input_active: bool,
+    /// Where it is at the end of the last step.
+    pub pose: Pose,
+    pub lines: [Option<Line>; 3],
+    /// As it was acted on last.
+    pub active: bool,
+    /// Of the tissue on the tool \[N\].
+    pub force: Vec3,
+    /// About the tool's position \[N m\].
+    pub torque: Vec3,
+    /// Impulse over the last step divided by its length \[N\].
+    pub mean_force: Vec3,
+    pub in_contact: bool,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct State {
+    pub clock: Clock,
+    /// u \[m\] a node.
+    pub displacement: Vec<Lane>,
+    /// v \[m/s\] a node, half a substep behind.
+    pub velocity: Vec<Lane>,
+    pub live: LiveMesh,
+    /// Gravity and loads \[N\] a node. Follows from the rest.
+    pub external: Vec<Lane>,
+    /// \[1/kg\] an axis, 0 where something holds it. Follows from the rest.
+    pub inverse_mass: Vec<Lane>,
+    /// Supports first, then what tools hold, in order of attachment.
+    pub held: Vec<Held>,
+    /// Lately let go by a probe.
+    pub released: Vec<Released>,
+    pub tools: Vec<ToolState>,
+    pub account: Account,
+    pub parameters: Parameters,
+    /// Scripted cuts done.
+    pub cuts_done: usize,
+    /// Time since the last haptic tick \[s\].
+    pub since_haptic: f64,
+    /// Substep that steps are divided by \[s\].
+    pub nominal_substep: f64,
+}
+
+impl State {
+    /// At time 0.
+    pub fn new(model: &Model) -> State {
+        let nodes = model.mesh.nodes.len();
+        let parameters =
+            Parameters { gravity: model.scene.gravity, damping: model.damping() };
+        let nominal_substep = model.substep(parameters.damping);
+        let mut state = State {
+            clock: Clock { substep: nominal_substep, ..Clock::default() },
+            displacement: model.start_displacement.iter().map(|u| Lane::from(*u)).collect(),
+            velocity: vec![Lane::default(); nodes],
+            live: model.whole.clone(),
+            external: vec![Lane::default(); nodes],
+            inverse_mass: vec![Lane::default(); nodes],
+            held: Vec::with_capacity(nodes),
+            released: Vec::with_capacity(nodes),
+            tools: model.scene.tools.iter().map(ToolState::new).collect(),
+            account: Account::default(),
+            parameters,
+            cuts_done: 0,
+            since_haptic: f64::INFINITY,
+            nominal_substep,
+        };
+        for (k, prescribed) in model.boundary.prescribed.iter().enumerate() {
+            if state.live.star_count[prescribed.node as usize] == 0 {
+                continue;
+            }
+            let i = prescribed.node as usize;
+            let start = prescribed.at(0.0);
+            for axis in 0..3 {
+                if prescribed.axes[axis] {
+                    state.displacement[i].0[axis] = start[axis];
+                }
+            }
+            state.held.push(Held::by_support(k as u32, prescribed.node, prescribed.axes));
+        }
+        state.refresh_all(model);
+        state.account.start = state.energy(model).balance();
+        state
+    }
+
+    pub fn energy(&self, model: &Model) -> crate::energy::Energy {
+        crate::energy::evaluate(model, self, &mut vec![Vec3::zeros(); self.displacement.len()])
+    }
+
+    /// Recomputes what follows from the rest.
+    pub fn refresh_all(&mut self, model: &Model) {
+        for node in 0..self.displacement.len() {
+            self.refresh_inverse_mass(model, node);
+            self.refresh_external(model, node);
+        }
+        for held in &self.held {
+            for axis in 0..3 {
+                if held.axes[axis] {
+                    self.inverse_mass[held.node as usize].0[axis] = 0.0;
+                }
+            }
+        }
+    }
+
+    /// After a change of mass or of what holds the node.
+    pub fn refresh_node(&mut self, model: &Model, node: usize) {
+        self.refresh_inverse_mass(model, node);
+        for held in self.held.iter().filter(|h| h.node as usize == node) {
+            for axis in 0..3 {
+                if held.axes[axis] {
+                    self.inverse_mass[node].0[axis] = 0.0;
+                }
+            }
+        }
+    }
+
+    fn refresh_inverse_mass(&mut self, model: &Model, node: usize) {
+        let mass = self.live.mass[node];
+        for axis in 0..3 {
+            let moves = model.boundary.free[node][axis] && mass > 0.0;
+            self.inverse_mass[node].0[axis] = if moves { 1.0 / mass } else { 0.0 };
+        }
+    }
+
+    /// Gravity and the node's loads at the present time.
+    pub fn refresh_external(&mut self, model: &Model, node: usize) {
+        let mut force = Vec3::from(self.parameters.gravity) * self.live.weight[node];
+        if self.live.star_count[node] > 0 {
+            let time = self.clock.time();
+            for load in model.boundary.loads_on(node as u32) {
+                force += load.force * ramp(time, load.ramp);
+            }
+        }
+        self.external[node] = force.into();
+    }
+
+    /// Current position \[m\].
+    pub fn position(&self, model: &Model, node: u32) -> Vec3 {
+        model.mesh.nodes[node as usize] + self.displacement[node as usize].xyz()
+    }
+
+    /// Copies without allocating where the vectors are large enough; the live mesh by the removals
+    /// that this one lacks.
+    pub fn copy_from(&mut self, model: &Model, other: &State) {
+        self.clock = other.clock;
+        self.displacement.clone_from(&other.displacement);
+        self.velocity.clone_from(&other.velocity);
+        self.live.catch_up(model, &other.live);
+        self.external.clone_from(&other.external);
+        self.inverse_mass.clone_from(&other.inverse_mass);
+        self.held.clone_from(&other.held);
+        self.released.clone_from(&other.released);
+        self.tools.clone_from(&other.tools);
+        self.account = other.account;
+        self.parameters = other.parameters;
+        self.cuts_done = other.cuts_done;
+        self.since_haptic = other.since_haptic;
+        self.nominal_substep = other.nominal_substep;
+    }
+}
+
+impl ToolState {
+    fn new(tool: &crate::scene::Tool) -> ToolState {
+        let [x, y, z] = tool.position;
+        let [qw, qx, qy, qz] = tool.orientation;
+        let input = PoseInput { value: [x, y, z, qw, qx, qy, qz], rate: [None; 7] };
+        // The scene refuses a zero quaternion.
+        let pose = input.pose().unwrap_or(Pose {
+            position: Vec3::from(tool.position),
+            orientation: nalgebra::UnitQuaternion::identity(),
+        });
+        ToolState {
+            input,
+            input_active: false,
+            pose,
+            lines: [None; 3],
+            active: false,
+            force: Vec3::zeros(),
+            torque: Vec3::zeros(),
+            mean_force: Vec3::zeros(),
+            in_contact: false,
+        }
+    }
+}

@@ -1,0 +1,335 @@
+//! One communication step: n equal substeps, contact and cutting at haptic ticks.
+
+use crate::contact::hold;
+use crate::cut;
+use crate::energy::Account;
+use crate::mesh::Vec3;
+use crate::model::Model;
+use crate::model::sweep::{Motion, Sums, sweep};
+use crate::model::tensor_mass::Lane;
+use crate::pose::Path;
+use crate::scene::ToolKind;
+use crate::state::State;
+
+/// Times the substep is halved before a step is given up.
+const RETRIES: u32 = 4;
+/// Share of the energy in play that the balance may miss.
+const RESIDUAL_LIMIT: f64 = 0.05;
+/// Energies below this \[J\] are not compared.
+const RESIDUAL_FLOOR: f64 = 1e-9;
+/// Substeps one communication step may need; more is a host's slip (a step of hours).
+const MOST_SUBSTEPS: f64 = 1e9;
+
+/// Why a step was not made. The state is that of its start.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum StepError {
+    #[error("the communication step size is {0} s; it must be positive and finite")]
+    Length(f64),
+    #[error("a communication step of {0} s takes over 1e9 substeps of {1} s")]
+    TooLong(f64, f64),
+    #[error("tool[{0}].orientation is zero; a quaternion w x y z of any length but zero is needed")]
+    Orientation(usize),
+    #[error("the state became non-finite at {0} s although the substep was halved {RETRIES} times")]
+    NonFinite(f64),
+    #[error("the energy balance was {1:.3} J off at {0} s although the substep was halved {RETRIES} times")]
+    Energy(f64, f64),
+}
+
+/// Scratch, reused from step to step.
+#[derive(Debug)]
+pub struct Workspace {
+    residual: Vec<Lane>,
+    partial: Vec<Lane>,
+    touched: Vec<(u32, [u32; 3])>,
+    candidates: Vec<u32>,
+    paths: Vec<Path>,
+    impulse: Vec<Vec3>,
+    start: State,
+}
+
+impl Workspace {
+    pub fn new(model: &Model, state: &State) -> Workspace {
+        let nodes = model.mesh.nodes.len();
+        let tools = model.scene.tools.len();
+        let mut start = state.clone();
+        start.held.reserve(nodes);
+        start.released.reserve(nodes);
+        start.live.removed.reserve(model.mesh.tetrahedra.len());
+        start.live.surface.reserve(model.topology.faces.len());
+        Workspace {
+            residual: vec![Lane::default(); nodes],
+            partial: vec![Lane::default(); nodes],
+            touched: Vec::with_capacity(model.topology.faces.len().min(4096)),
+            candidates: Vec::with_capacity(4 * model.mesh.tetrahedra.len()),
+            paths: Vec::with_capacity(tools),
+            impulse: vec![Vec3::zeros(); tools],
+            start,
+        }
+    }
+}
+
+/// n = max(1, ceil(H / substep - 1e-6)) substeps of h = H/n; h = substep exactly where
+/// |n substep - H| < 1e-9 H.
+pub fn division(length: f64, substep: f64) -> (u64, f64) {
+    let n = (length / substep - 1e-6).ceil().max(1.0);
+    let h = if (n * substep - length).abs() < 1e-9 * length { substep } else { length / n };
+    (n as u64, h)
+}
+
+/// Advances by `length` \[s\]. On an error the state is that of the start of the step, inputs included.
+/// Returns how often the substep had to be halved.
+pub fn step(
+    model: &Model,
+    state: &mut State,
+    work: &mut Workspace,
+    length: f64,
+) -> Result<u32, StepError> {
+    if !(length > 0.0 && length.is_finite()) {
+        return Err(StepError::Length(length));
+    }
+    if length / state.nominal_substep > MOST_SUBSTEPS {
+        return Err(StepError::TooLong(length, state.nominal_substep));
+    }
+    work.start.copy_from(model, state);
+    let (count, substep) = division(length, state.nominal_substep);
+    let mut outcome = Ok(0);
+    for halvings in 0..=RETRIES {
+        let n = count << halvings;
+        let h = if halvings == 0 { substep } else { length / n as f64 };
+        outcome = advance(model, state, work, n, h).map(|()| halvings);
+        match outcome {
+            Ok(_) => return outcome,
+            Err(StepError::Orientation(_)) => {}
+            Err(_) => work.partial.fill(Lane::default()),
+        }
+        state.copy_from(model, &work.start);
+        if matches!(outcome, Err(StepError::Orientation(_))) {
+            break;
+        }
+    }
+    outcome
+}
+
+fn advance(
+    model: &Model,
+    state: &mut State,
+    work: &mut Workspace,
+    n: u64,
+    h: f64,
+) -> Result<(), StepError> {
+    set_substep(model, state, h);
+    work.paths.clear();
+    for (k, tool) in state.tools.iter().enumerate() {
+        let path = Path::new(&tool.pose, &tool.input, &tool.lines, n, h);
+        work.paths.push(path.ok_or(StepError::Orientation(k + 1))?);
+    }
+    work.impulse.fill(Vec3::zeros());
+    let period = (1.0 - 1e-6) / model.scene.integration.haptic_rate;
+    for k in 0..n {
+        update_loads(model, state);
+        while let Some(scripted) = model.cuts.get(state.cuts_done) {
+            if scripted.time > state.clock.time() + 1e-9 * h {
+                break;
+            }
+            state.cuts_done += 1;
+            for t in &scripted.tetrahedra {
+                cut::remove(model, state, *t);
+            }
+        }
+        let switched = k == 0 && state.tools.iter().any(|t| t.active != t.input_active);
+        let tick = state.since_haptic >= period || switched;
+        if tick {
+            state.since_haptic = 0.0;
+            for tool in 0..state.tools.len() {
+                hold::update(model, state, tool, &mut work.touched);
+                let burns = model.scene.tools[tool].kind == ToolKind::Cautery;
+                if burns && state.tools[tool].active {
+                    cut::burn(model, state, tool, &mut work.candidates);
+                }
+            }
+        }
+        for (tool, path) in state.tools.iter_mut().zip(&work.paths) {
+            tool.pose = path.at(k + 1);
+        }
+        set_targets(model, state, h);
+        let sums = sweep(
+            &model.pattern,
+            &state.live.tensors,
+            &mut Motion {
+                displacement: &mut state.displacement,
+                velocity: &mut state.velocity,
+                residual: &mut work.residual,
+                partial: &mut work.partial,
+                external: &state.external,
+                inverse_mass: &state.inverse_mass,
+                mass: &state.live.mass,
+            },
+            h,
+            state.parameters.damping,
+        );
+        let before = state.account;
+        let (sums, trailing) = carry_held(state, work, sums, h);
+        watch(state, &before, &sums, trailing, tick)?;
+        state.account.dissipated += 0.5 * h * state.parameters.damping * sums.damping;
+        state.clock.ticks += 1;
+        state.clock.total += 1;
+        state.since_haptic += h;
+    }
+    update_loads(model, state);
+    if !state.displacement.iter().all(|u| (u.0[0] + u.0[1] + u.0[2]).is_finite()) {
+        return Err(StepError::NonFinite(state.clock.time()));
+    }
+    let length = n as f64 * h;
+    for (k, tool) in state.tools.iter_mut().enumerate() {
+        tool.mean_force = work.impulse[k] / length;
+        tool.lines = work.paths[k].lines();
+        tool.input.rate = [None; 7];
+    }
+    read_forces(model, state);
+    Ok(())
+}
+
+/// A new substep length. Velocities are half of it behind, so the account's kinetic energy changes by
+/// (h_new - h_old)/2 v.r, which is booked.
+fn set_substep(model: &Model, state: &mut State, h: f64) {
+    let old = state.clock.substep;
+    if h == old {
+        return;
+    }
+    let mut change = 0.0;
+    for i in 0..state.displacement.len() {
+        let v = state.velocity[i].xyz();
+        if v != Vec3::zeros() {
+            let internal =
+                state.live.tensors.row_product(&model.pattern, i, &state.displacement);
+            let damping = v * (state.parameters.damping * state.live.mass[i]);
+            change += 0.5 * (h - old) * v.dot(&(state.external[i].xyz() - internal - damping));
+        }
+    }
+    state.account.dissipated -= change;
+    state.clock.anchor = state.clock.time();
+    state.clock.ticks = 0;
+    state.clock.substep = h;
+}
+
+/// Loads that still grow. What a ramp changes of the potential -f.u counts as work of the supports.
+fn update_loads(model: &Model, state: &mut State) {
+    let time = state.clock.time();
+    let mut last = u32::MAX;
+    for load in &model.boundary.loads {
+        let grows = load.ramp > 0.0 && time <= load.ramp + 2.0 * state.clock.substep;
+        let i = load.node as usize;
+        if !grows || load.node == last || state.live.star_count[i] == 0 {
+            continue;
+        }
+        last = load.node;
+        let before = state.external[i].xyz();
+        state.refresh_external(model, i);
+        let middle =
+            state.displacement[i].xyz() - state.velocity[i].xyz() * (0.5 * state.clock.substep);
+        state.account.support_work -= (state.external[i].xyz() - before).dot(&middle);
+    }
+}
+
+/// Where held nodes shall be after this substep, tools being there already.
+fn set_targets(model: &Model, state: &mut State, h: f64) {
+    let time = state.clock.anchor + (state.clock.ticks + 1) as f64 * state.clock.substep;
+    for held in &mut state.held {
+        let i = held.node as usize;
+        held.target = match held.tool {
+            Some(tool) => {
+                state.tools[tool as usize].pose.point(&held.local) - model.mesh.nodes[i]
+            }
+            None => model.boundary.prescribed[held.support as usize].at(time),
+        };
+        held.velocity = (held.target - state.displacement[i].xyz()) / h;
+    }
+}
+
+/// Moves held nodes to their targets and books impulse and work. Returns the sums with held nodes in,
+/// and the trailing half of the work of tools and supports at this point.
+fn carry_held(state: &mut State, work: &mut Workspace, mut sums: Sums, h: f64) -> (Sums, f64) {
+    let mut trailing = 0.0;
+    for held in &mut state.held {
+        let i = held.node as usize;
+        let mass = state.live.mass[i];
+        let residual = &work.residual[i].0;
+        let mut lambda = Vec3::zeros();
+        let (mut behind, mut ahead, mut jump) = (0.0, 0.0, 0.0);
+        for axis in 0..3 {
+            if !held.axes[axis] {
+                continue;
+            }
+            let (v, v_new) = (state.velocity[i].0[axis], held.velocity[axis]);
+            lambda[axis] = mass * (v_new - v) / h - residual[axis];
+            behind += 0.5 * h * v * lambda[axis];
+            ahead += 0.5 * h * v_new * lambda[axis];
+            jump += 0.5 * mass * (v_new - v) * (v_new - v);
+            sums.kinetic += mass * v * (v_new - v);
+            sums.damping += mass * (v_new * (v + v_new) - 2.0 * v * v);
+            state.velocity[i].0[axis] = v_new;
+            state.displacement[i].0[axis] = held.target[axis];
+        }
+        trailing += behind;
+        let Some(tool) = held.tool else {
+            state.account.support_work += behind + ahead;
+            continue;
+        };
+        state.account.tool_work += behind + ahead;
+        work.impulse[tool as usize] -= lambda * h;
+        if std::mem::replace(&mut held.fresh, false) {
+            // The tool's impulse acts at the tool's velocity; what the node does not gain is lost.
+            state.account.tool_work += jump;
+            state.account.dissipated += jump;
+        }
+    }
+    (sums, trailing)
+}
+
+/// Non-finite at once; an energy residual on two haptic ticks running. `before` is the account before
+/// this substep.
+fn watch(
+    state: &mut State,
+    before: &Account,
+    sums: &Sums,
+    trailing: f64,
+    tick: bool,
+) -> Result<(), StepError> {
+    let (elastic, kinetic) = (0.5 * sums.elastic, 0.5 * sums.kinetic);
+    if !(elastic + kinetic + sums.external + sums.damping).is_finite() {
+        return Err(StepError::NonFinite(state.clock.time()));
+    }
+    if tick {
+        let balance = elastic + kinetic - sums.external + before.dissipated
+            - before.tool_work
+            - before.support_work
+            - trailing;
+        let residual = balance - before.start;
+        let in_play = (elastic + kinetic + before.tool_work.abs()).max(RESIDUAL_FLOOR);
+        let strikes = &mut state.account.strikes;
+        *strikes = if residual.abs() > RESIDUAL_LIMIT * in_play { *strikes + 1 } else { 0 };
+        if *strikes >= 2 {
+            return Err(StepError::Energy(state.clock.time(), residual));
+        }
+    }
+    Ok(())
+}
+
+/// End-of-step force and torque of each tool.
+fn read_forces(model: &Model, state: &mut State) {
+    for tool in &mut state.tools {
+        tool.force = Vec3::zeros();
+        tool.torque = Vec3::zeros();
+        tool.in_contact = false;
+    }
+    for at in 0..state.held.len() {
+        let held = state.held[at];
+        let Some(tool) = held.tool else { continue };
+        let force = hold::reaction(model, state, &held);
+        let position = state.position(model, held.node);
+        let tool = &mut state.tools[tool as usize];
+        tool.force += force;
+        tool.torque += (position - tool.pose.position).cross(&force);
+        tool.in_contact = true;
+    }
+}
