@@ -12,6 +12,7 @@ pub mod contact;
 pub mod cut;
 pub mod element;
 pub mod energy;
+pub mod inspect;
 pub mod law;
 pub mod live;
 pub mod mesh;

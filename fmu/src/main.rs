@@ -1,1 +1,101 @@
-fn main(){}
+//! `tissue-fmu`: from a scene file to a running FMU.
+
+mod command;
+mod drive;
+mod error;
+mod motion;
+mod pack;
+mod picture;
+mod recorder;
+mod vtu;
+mod write;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Soft tissue you can press, pull and cut at haptic rate, as an FMI 2.0 co-simulation FMU.
+#[derive(Parser)]
+#[command(version, arg_required_else_help = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Build the hepatectomy scene's FMU and drive it through a scripted grasp, pull and cut.
+    Demo {
+        /// Folder for the FMU, table, picture and ParaView files.
+        #[arg(short, long, default_value = "target/demo")]
+        output: PathBuf,
+    },
+    /// Check a scene, precompute, pack the FMU.
+    Build {
+        scene: PathBuf,
+        /// Default: NAME.fmu in the current folder, NAME as in the scene.
+        #[arg(short, long)]
+        output: Option<PathBuf>,
+    },
+    /// Simulate a scene or an FMU.
+    Run {
+        /// SCENE.json or MODEL.fmu
+        model: PathBuf,
+        /// CSV: a column `time` and columns named as the FMU's inputs, interpolated linearly.
+        #[arg(long)]
+        motion: Option<PathBuf>,
+        /// Stop time in s; default: the end of the motion, else 1.
+        #[arg(long)]
+        stop: Option<f64>,
+        /// Communication step in s; default: the haptic period.
+        #[arg(long)]
+        step: Option<f64>,
+        /// Folder for results.csv and the ParaView files.
+        #[arg(short, long, default_value = "results")]
+        output: PathBuf,
+    },
+    /// Counts, masses, critical steps, time per substep, warnings.
+    Inspect {
+        /// SCENE.json or MODEL.fmu
+        model: PathBuf,
+        #[arg(long)]
+        json: bool,
+    },
+    /// The scene's equilibrium by a sparse direct solution, tools ignored.
+    Reference {
+        scene: PathBuf,
+        /// Apply the scene's scripted cuts first.
+        #[arg(long)]
+        after_cuts: bool,
+        /// JSON file; default: standard output.
+        #[arg(short, long)]
+        output: Option<PathBuf>,
+    },
+    /// Print the JSON Schema of scene files.
+    Schema,
+}
+
+fn main() -> ExitCode {
+    // Output into a closed pipe (`| head`) ends quietly, below.
+    let outcome = match Arguments::parse().command {
+        Command::Demo { output } => command::demo::run(&output),
+        Command::Build { scene, output } => command::build::run(&scene, output),
+        Command::Run { model, motion, stop, step, output } => {
+            command::run::run(&model, motion.as_deref(), stop, step, &output)
+        }
+        Command::Inspect { model, json } => command::inspect::run(&model, json),
+        Command::Reference { scene, after_cuts, output } => {
+            command::reference::run(&scene, after_cuts, output.as_deref())
+        }
+        Command::Schema => command::schema(),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) if error.is_closed_pipe() => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{error}");
+            ExitCode::from(1)
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! Motion files: a CSV with a column `time` and columns named as the FMU's inputs.
+//!
+//! Numbers between rows are interpolated linearly, Booleans keep the row before; after the last row all
+//! stay.
+
+use std::path::Path;
+
+use crate::drive::{Host, Kind, Variable};
+use crate::error::{Error, file};
+
+pub struct Motion {
+    /// \[s\], ascending.
+    time: Vec<f64>,
+    /// A column each, with what it sets.
+    columns: Vec<(Variable, Vec<f64>)>,
+}
+
+impl Motion {
+    pub fn read(path: &Path, host: &Host) -> Result<Motion, Error> {
+        let text = std::fs::read_to_string(path).map_err(file(path))?;
+        Motion::from_text(&text, host).map_err(|e| Error::Content(path.to_path_buf(), e))
+    }
+
+    pub fn from_text(text: &str, host: &Host) -> Result<Motion, String> {
+        Motion::parse(text, |name| {
+            let variable = host.variable(name).filter(|v| v.is_input);
+            variable.cloned().ok_or_else(|| {
+                let names: Vec<_> = host.variables().iter().filter(|v| v.is_input).map(|v| v.name.as_str()).collect();
+                format!("\"{name}\" is no input of this FMU; inputs are {}", names.join(", "))
+            })
+        })
+    }
+
+    fn parse(text: &str, find: impl Fn(&str) -> Result<Variable, String>) -> Result<Motion, String> {
+        let mut lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty());
+        let (_, header) = lines.next().ok_or("is empty; a header line with `time` is needed")?;
+        let mut names = header.split(',').map(|n| n.trim().trim_matches('"'));
+        if names.next() != Some("time") {
+            return Err("line 1: the first column must be `time`".into());
+        }
+        let mut columns = Vec::new();
+        for name in names {
+            columns.push((find(name).map_err(|e| format!("line 1: {e}"))?, Vec::new()));
+        }
+        let mut time = Vec::new();
+        for (number, line) in lines {
+            let number = number + 1;
+            let mut cells = Vec::new();
+            for cell in line.split(',').map(str::trim) {
+                let value = match cell {
+                    "true" => Ok(1.0),
+                    "false" => Ok(0.0),
+                    other => other.parse::<f64>(),
+                };
+                let value = value.ok().filter(|v| v.is_finite());
+                cells.push(value.ok_or(format!("line {number}: \"{cell}\" is no number"))?);
+            }
+            if cells.len() != columns.len() + 1 {
+                let (found, wanted) = (cells.len(), columns.len() + 1);
+                return Err(format!("line {number}: {found} values; the header has {wanted}"));
+            }
+            if time.last().is_some_and(|t| cells[0] <= *t) {
+                return Err(format!("line {number}: time {} does not grow", cells[0]));
+            }
+            time.push(cells[0]);
+            for ((_, column), cell) in columns.iter_mut().zip(&cells[1..]) {
+                column.push(*cell);
+            }
+        }
+        if time.is_empty() {
+            return Err("has a header but no rows".into());
+        }
+        Ok(Motion { time, columns })
+    }
+
+    /// Time of the last row \[s\].
+    pub fn end(&self) -> f64 {
+        self.time[self.time.len() - 1]
+    }
+
+    /// Sets the inputs that lead to time `at` \[s\]: poses as of then, switches as of `now`.
+    pub fn apply(&self, host: &Host, now: f64, at: f64) -> Result<(), Error> {
+        for (variable, column) in &self.columns {
+            let value = match variable.kind {
+                Kind::Real => self.between(column, at),
+                _ => self.before(column, now),
+            };
+            host.set(variable, value)?;
+        }
+        Ok(())
+    }
+
+    fn between(&self, column: &[f64], at: f64) -> f64 {
+        let next = self.time.partition_point(|t| *t <= at);
+        if next == 0 || next == self.time.len() {
+            return column[next.saturating_sub(1)];
+        }
+        let share = (at - self.time[next - 1]) / (self.time[next] - self.time[next - 1]);
+        column[next - 1] + (column[next] - column[next - 1]) * share
+    }
+
+    fn before(&self, column: &[f64], at: f64) -> f64 {
+        let next = self.time.partition_point(|t| *t <= at + 1e-12);
+        column[next.saturating_sub(1)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn motion(text: &str) -> Result<Motion, String> {
+        Motion::parse(text, |name| {
+            let kind = match name {
+                "x" => Kind::Real,
+                "on" => Kind::Boolean,
+                other => return Err(format!("no {other}")),
+            };
+            Ok(Variable { name: name.into(), reference: 0, kind, is_input: true, is_output: false })
+        })
+    }
+
+    #[test]
+    fn numbers_are_interpolated_and_switches_kept() {
+        let m = motion("time,x,on\n0,1,false\n1,3,true\n").unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!(m.between(&m.columns[0].1, 0.25), 1.5);
+        assert_eq!(m.between(&m.columns[0].1, 9.0), 3.0);
+        assert_eq!(m.before(&m.columns[1].1, 0.999), 0.0);
+        assert_eq!(m.before(&m.columns[1].1, 1.0), 1.0);
+    }
+
+    #[test]
+    fn bad_files_say_where() {
+        for (text, line) in [
+            ("", "is empty; a header line with `time` is needed"),
+            ("x\n", "line 1: the first column must be `time`"),
+            ("time,y\n", "line 1: no y"),
+            ("time,x\n0,1,2\n", "line 2: 3 values; the header has 2"),
+            ("time,x\n0,one\n", "line 2: \"one\" is no number"),
+            ("time,x\n0,inf\n", "line 2: \"inf\" is no number"),
+            ("time,x\n1,0\n1,0\n", "line 3: time 1 does not grow"),
+            ("time,x\n", "has a header but no rows"),
+        ] {
+            assert_eq!(motion(text).err().as_deref(), Some(line));
+        }
+    }
+}

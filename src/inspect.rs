@@ -1,0 +1,170 @@
+//! What a scene amounts to, before it runs.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use serde::Serialize;
+
+use crate::model::sweep::{Motion, sweep};
+use crate::model::tensor_mass::Lane;
+use crate::model::{Model, critical_step};
+
+/// Keys as `inspect --json` writes them.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Inspection {
+    pub name: String,
+    pub vertices: usize,
+    pub edges: usize,
+    pub tetrahedra: usize,
+    pub surface_triangles: usize,
+    pub pieces: usize,
+    /// \[m³\]
+    pub volume: f64,
+    /// \[kg\]
+    pub mass: f64,
+    pub materials: Vec<Share>,
+    pub fixed_nodes: usize,
+    pub prescribed_nodes: usize,
+    pub loaded_nodes: usize,
+    pub dynamic_tetrahedra: usize,
+    pub connection_nodes: usize,
+    /// Scheme to seconds; undamped where the scheme allows it, else at the scene's damping. `null`: no limit.
+    pub critical_step: BTreeMap<&'static str, Option<f64>>,
+    /// In use \[s\].
+    pub substep: f64,
+    /// \[1/s\]
+    pub damping: f64,
+    /// Lowest frequency \[Hz\].
+    pub lowest_frequency: f64,
+    /// \[degrees\]
+    pub minimum_dihedral: f64,
+    /// Measured here and now, without contact \[s\].
+    pub seconds_per_substep: f64,
+    /// Tensors, positions and the like of one instance.
+    pub memory_bytes: usize,
+    pub warnings: Vec<String>,
+}
+
+/// What one entry of the scene's materials covers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Share {
+    pub tetrahedra: usize,
+    /// \[m³\]
+    pub volume: f64,
+    /// \[kg\]
+    pub mass: f64,
+}
+
+pub fn inspect(model: &Model) -> Inspection {
+    let mut materials =
+        vec![Share { tetrahedra: 0, volume: 0.0, mass: 0.0 }; model.scene.materials.len()];
+    for (t, shape) in model.shape.iter().enumerate() {
+        let share = &mut materials[model.material_index(t)];
+        share.tetrahedra += 1;
+        share.volume += shape.volume;
+        share.mass += shape.volume * model.material(t).density;
+    }
+    let (omega, damping) = (model.spectrum.highest, model.damping());
+    let used = model.whole.star_count.iter().filter(|c| **c > 0).count();
+    let loaded: std::collections::BTreeSet<u32> = model.boundary.loads.iter().map(|l| l.node).collect();
+    Inspection {
+        name: model.scene.name.clone(),
+        vertices: model.mesh.nodes.len(),
+        edges: model.pattern.edges(),
+        tetrahedra: model.mesh.tetrahedra.len(),
+        surface_triangles: model.whole.surface.len(),
+        pieces: model.report.pieces,
+        volume: materials.iter().map(|m| m.volume).sum(),
+        mass: materials.iter().map(|m| m.mass).sum(),
+        materials,
+        fixed_nodes: model.boundary.fixed.iter().filter(|f| **f != [false; 3]).count(),
+        prescribed_nodes: model.boundary.prescribed.len(),
+        loaded_nodes: loaded.len(),
+        dynamic_tetrahedra: model.mesh.tetrahedra.len(),
+        connection_nodes: 0,
+        critical_step: BTreeMap::from([
+            ("euler", Some(critical_step::euler(omega, damping))),
+            ("symplecticEuler", Some(critical_step::symplectic_euler(omega, 0.0))),
+            ("centralDifference", Some(critical_step::central_difference(omega))),
+            ("rungeKutta4", Some(critical_step::runge_kutta_4(omega))),
+            ("implicitEuler", None),
+        ]),
+        substep: model.substep(damping),
+        damping,
+        lowest_frequency: model.spectrum.lowest / std::f64::consts::TAU,
+        minimum_dihedral: model.report.minimum_dihedral_degrees,
+        seconds_per_substep: time_substep(model),
+        memory_bytes: model.whole.tensors.bytes() + used * 8 * (6 * 4 + 2),
+        warnings: warnings(model),
+    }
+}
+
+/// Things a user should know, one line each.
+pub fn warnings(model: &Model) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let report = &model.report;
+    if report.flipped > 0 {
+        warnings.push(format!("{} tetrahedra were inverted and have been turned", report.flipped));
+    }
+    if let Some(first) = report.unreferenced.first() {
+        let count = report.unreferenced.len();
+        warnings.push(format!("{count} nodes belong to no tetrahedron (the first is {first}); they stay where they are"));
+    }
+    if report.coincident > 0 {
+        warnings.push(format!(
+            "{} nodes lie exactly on another: the tissue there touches but does not hold together",
+            report.coincident
+        ));
+    }
+    if report.hinge_edges > 0 {
+        warnings.push(format!("{} edges hold tissue together like hinges", report.hinge_edges));
+    }
+    if report.minimum_dihedral_degrees < 5.0 {
+        warnings.push(format!(
+            "tetrahedron {} has a dihedral angle of {:.1} degrees or less in its neighbourhood; slivers shorten the substep",
+            report.worst_tetrahedron, report.minimum_dihedral_degrees
+        ));
+    }
+    if model.rigid_modes > 0 {
+        warnings.push(format!(
+            "{} rigid motions are not held: tissue that nothing fixes falls, and the linear law swells it when it turns",
+            model.rigid_modes
+        ));
+    }
+    let (damping, critical) = (model.damping(), model.critical_step(model.damping()));
+    let substep = model.substep(damping);
+    if substep > critical {
+        warnings.push(format!(
+            "the substep of {substep:.3e} s is above the critical {critical:.3e} s; steps will be halved or discarded"
+        ));
+    }
+    warnings
+}
+
+/// Median of a few sweeps \[s\].
+fn time_substep(model: &Model) -> f64 {
+    let nodes = model.mesh.nodes.len();
+    let zeros = || vec![Lane::default(); nodes];
+    let (mut displacement, mut velocity, mut residual, mut partial) =
+        (zeros(), zeros(), zeros(), zeros());
+    let (external, inverse_mass) = (zeros(), zeros());
+    let mut times: Vec<f64> = (0..21)
+        .map(|_| {
+            let start = Instant::now();
+            let mut motion = Motion {
+                displacement: &mut displacement,
+                velocity: &mut velocity,
+                residual: &mut residual,
+                partial: &mut partial,
+                external: &external,
+                inverse_mass: &inverse_mass,
+                mass: &model.whole.mass,
+            };
+            sweep(&model.pattern, &model.whole.tensors, &mut motion, 1e-3, 1.0);
+            start.elapsed().as_secs_f64()
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
+}
