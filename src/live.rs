@@ -36,12 +36,10 @@ impl LiveMesh {
         let nodes = model.mesh.nodes.len();
         let mut live = LiveMesh {
             alive: vec![true; model.mesh.tetrahedra.len()],
-            removed: Vec::with_capacity(model.mesh.tetrahedra.len()),
             star_count: vec![0; nodes],
             tensors: Tensors::zeros(&model.pattern),
             mass: vec![0.0; nodes],
             weight: vec![0.0; nodes],
-            surface: Vec::with_capacity(model.topology.faces.len()),
             surface_slot: vec![NONE; model.topology.faces.len()],
             ..LiveMesh::default()
         };
@@ -145,8 +143,28 @@ impl LiveMesh {
                 self.remove(model, newer.removed[at]);
             }
         } else {
-            self.clone_from(newer);
+            self.copy_from(newer);
         }
+    }
+
+    /// Room for every removal, so that none allocates.
+    pub(crate) fn reserve(&mut self, model: &Model) {
+        self.removed.reserve(model.mesh.tetrahedra.len());
+        self.surface.reserve(model.topology.faces.len());
+    }
+
+    /// Keeps the room that there is.
+    fn copy_from(&mut self, other: &LiveMesh) {
+        self.alive.clone_from(&other.alive);
+        self.removed.clone_from(&other.removed);
+        self.removed_volume = other.removed_volume;
+        self.revision = other.revision;
+        self.star_count.clone_from(&other.star_count);
+        self.tensors.0.clone_from(&other.tensors.0);
+        self.mass.clone_from(&other.mass);
+        self.weight.clone_from(&other.weight);
+        self.surface.clone_from(&other.surface);
+        self.surface_slot.clone_from(&other.surface_slot);
     }
 
     /// Connected components through shared vertices.

@@ -179,8 +179,11 @@ impl Simulation {
     /// \[m/s²\]. The change of the potential counts as work of the supports.
     pub fn set_gravity(&mut self, axis: usize, value: f64) {
         let change = value - self.state.parameters.gravity[axis];
-        let moment: f64 = (self.state.live.weight.iter().zip(&self.state.displacement))
-            .map(|(m, u)| m * u.0[axis])
+        let half = 0.5 * self.state.clock.substep;
+        let State { live, displacement, velocity, .. } = &self.state;
+        // As for a load: at the displacement half a substep ago.
+        let moment: f64 = (live.weight.iter().zip(displacement).zip(velocity))
+            .map(|((m, u), v)| m * (u.0[axis] - half * v.0[axis]))
             .sum();
         self.state.account.support_work -= change * moment;
         self.state.parameters.gravity[axis] = value;

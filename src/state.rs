@@ -99,8 +99,8 @@ impl State {
             live: model.whole.clone(),
             external: vec![Lane::default(); nodes],
             inverse_mass: vec![Lane::default(); nodes],
-            held: Vec::with_capacity(nodes),
-            released: Vec::with_capacity(nodes),
+            held: Vec::new(),
+            released: Vec::new(),
             tools: model.scene.tools.iter().map(ToolState::new).collect(),
             account: Account::default(),
             parameters,
@@ -108,6 +108,7 @@ impl State {
             since_haptic: f64::INFINITY,
             nominal_substep,
         };
+        state.reserve(model);
         for (k, prescribed) in model.boundary.prescribed.iter().enumerate() {
             if state.live.star_count[prescribed.node as usize] == 0 {
                 continue;
@@ -124,6 +125,14 @@ impl State {
         state.refresh_all(model);
         state.account.start = state.energy(model).balance();
         state
+    }
+
+    /// Room for all that a step may add, so that none allocates.
+    pub fn reserve(&mut self, model: &Model) {
+        let nodes = self.displacement.len();
+        self.held.reserve(2 * nodes);
+        self.released.reserve(nodes * model.scene.tools.len());
+        self.live.reserve(model);
     }
 
     pub fn energy(&self, model: &Model) -> crate::energy::Energy {

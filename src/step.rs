@@ -52,10 +52,7 @@ impl Workspace {
         let nodes = model.mesh.nodes.len();
         let tools = model.scene.tools.len();
         let mut start = state.clone();
-        start.held.reserve(nodes);
-        start.released.reserve(nodes);
-        start.live.removed.reserve(model.mesh.tetrahedra.len());
-        start.live.surface.reserve(model.topology.faces.len());
+        start.reserve(model);
         Workspace {
             residual: vec![Lane::default(); nodes],
             partial: vec![Lane::default(); nodes],

@@ -45,7 +45,7 @@ impl Host {
         let wrong = |text: String| Error::Content(path.to_path_buf(), text);
         let builder = FMU2Builder::new(&path)
             .map_err(|e| wrong(format!("is no FMU that loads: {e}")))?
-            .loggingOn(true);
+            .loggingOn(false);
         let problems = builder.model_description.validate();
         if let Some(first) = problems.first() {
             return Err(wrong(format!("its description is not valid: {first:?}")));

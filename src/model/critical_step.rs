@@ -38,7 +38,8 @@ mod tests {
                     v += h * (-omega * omega * u - damping * v);
                     u += h * v;
                 }
-                assert_eq!(u.abs() < 10.0, stays, "damping {damping}, h {h}");
+                // Just below the limit an undamped mode swings to 1/sqrt(1 - (omega h/2)^2) = 22.
+                assert_eq!(u.abs() < 30.0, stays, "damping {damping}, h {h}");
             }
         }
     }

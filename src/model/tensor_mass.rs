@@ -96,7 +96,7 @@ impl Pattern {
 /// The tensors \[N/m\]: 9 numbers a place of [`Pattern::column`], by rows, and padding so that a
 /// four-wide load of any row stays inside.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Tensors(pub(super) Vec<f64>);
+pub struct Tensors(pub(crate) Vec<f64>);
 
 impl Tensors {
     pub fn zeros(pattern: &Pattern) -> Tensors {
