@@ -82,8 +82,13 @@ pub fn evaluate(model: &Model, state: &State, internal: &mut [Vec3]) -> Energy {
     for held in &state.held {
         let i = held.node as usize;
         let v = state.velocity[i].xyz();
-        let r = state.external[i].xyz() - internal[i] - v * (state.parameters.damping * state.live.mass[i]);
-        let trailing: f64 = (0..3).filter(|a| held.axes[*a]).map(|a| -half * v[a] * r[a]).sum();
+        let r = state.external[i].xyz()
+            - internal[i]
+            - v * (state.parameters.damping * state.live.mass[i]);
+        let trailing: f64 = (0..3)
+            .filter(|a| held.axes[*a])
+            .map(|a| -half * v[a] * r[a])
+            .sum();
         match held.tool {
             Some(_) => energy.tool_work += trailing,
             None => energy.support_work += trailing,

@@ -57,8 +57,14 @@ pub struct Share {
 }
 
 pub fn inspect(model: &Model) -> Inspection {
-    let mut materials =
-        vec![Share { tetrahedra: 0, volume: 0.0, mass: 0.0 }; model.scene.materials.len()];
+    let mut materials = vec![
+        Share {
+            tetrahedra: 0,
+            volume: 0.0,
+            mass: 0.0
+        };
+        model.scene.materials.len()
+    ];
     for (t, shape) in model.shape.iter().enumerate() {
         let share = &mut materials[model.material_index(t)];
         share.tetrahedra += 1;
@@ -67,7 +73,8 @@ pub fn inspect(model: &Model) -> Inspection {
     }
     let (omega, damping) = (model.spectrum.highest, model.damping());
     let used = model.whole.star_count.iter().filter(|c| **c > 0).count();
-    let loaded: std::collections::BTreeSet<u32> = model.boundary.loads.iter().map(|l| l.node).collect();
+    let loaded: std::collections::BTreeSet<u32> =
+        model.boundary.loads.iter().map(|l| l.node).collect();
     Inspection {
         name: model.scene.name.clone(),
         vertices: model.mesh.nodes.len(),
@@ -78,15 +85,26 @@ pub fn inspect(model: &Model) -> Inspection {
         volume: materials.iter().map(|m| m.volume).sum(),
         mass: materials.iter().map(|m| m.mass).sum(),
         materials,
-        fixed_nodes: model.boundary.fixed.iter().filter(|f| **f != [false; 3]).count(),
+        fixed_nodes: model
+            .boundary
+            .fixed
+            .iter()
+            .filter(|f| **f != [false; 3])
+            .count(),
         prescribed_nodes: model.boundary.prescribed.len(),
         loaded_nodes: loaded.len(),
         dynamic_tetrahedra: model.mesh.tetrahedra.len(),
         connection_nodes: 0,
         critical_step: BTreeMap::from([
             ("euler", Some(critical_step::euler(omega, damping))),
-            ("symplecticEuler", Some(critical_step::symplectic_euler(omega, 0.0))),
-            ("centralDifference", Some(critical_step::central_difference(omega))),
+            (
+                "symplecticEuler",
+                Some(critical_step::symplectic_euler(omega, 0.0)),
+            ),
+            (
+                "centralDifference",
+                Some(critical_step::central_difference(omega)),
+            ),
             ("rungeKutta4", Some(critical_step::runge_kutta_4(omega))),
             ("implicitEuler", None),
         ]),
@@ -105,7 +123,10 @@ pub fn warnings(model: &Model) -> Vec<String> {
     let mut warnings = Vec::new();
     let report = &model.report;
     if report.flipped > 0 {
-        warnings.push(format!("{} tetrahedra were inverted and have been turned", report.flipped));
+        warnings.push(format!(
+            "{} tetrahedra were inverted and have been turned",
+            report.flipped
+        ));
     }
     if let Some(first) = report.unreferenced.first() {
         let count = report.unreferenced.len();
@@ -118,7 +139,10 @@ pub fn warnings(model: &Model) -> Vec<String> {
         ));
     }
     if report.hinge_edges > 0 {
-        warnings.push(format!("{} edges hold tissue together like hinges", report.hinge_edges));
+        warnings.push(format!(
+            "{} edges hold tissue together like hinges",
+            report.hinge_edges
+        ));
     }
     if report.minimum_dihedral_degrees < 5.0 {
         warnings.push(format!(

@@ -46,7 +46,8 @@ impl LiveMesh {
         for (t, tetrahedron) in model.mesh.tetrahedra.iter().enumerate() {
             let material = model.material(t);
             let shape = &model.shape[t];
-            live.tensors.accumulate(&model.pattern, tetrahedron, shape, &material.lame, 1.0);
+            live.tensors
+                .accumulate(&model.pattern, tetrahedron, shape, &material.lame, 1.0);
             for node in tetrahedron {
                 live.star_count[*node as usize] += 1;
                 live.weight[*node as usize] += material.density * shape.volume / 4.0;
@@ -84,7 +85,8 @@ impl LiveMesh {
         let shape = &model.shape[index];
         let material = model.material(index);
         self.removed_volume += shape.volume;
-        self.tensors.accumulate(&model.pattern, nodes, shape, &material.lame, -1.0);
+        self.tensors
+            .accumulate(&model.pattern, nodes, shape, &material.lame, -1.0);
         let share = material.density * shape.volume / 4.0;
         let removes_weight = model.scene.cutting.mass == CutMass::Removed;
         let removes_mass = removes_weight && model.scene.integration.mass == Mass::Lumped;
@@ -110,7 +112,11 @@ impl LiveMesh {
             }
         }
         for f in model.topology.tetrahedron_faces[index] {
-            if self.surface_slot[f as usize] == NONE { self.expose(f) } else { self.cover(f) }
+            if self.surface_slot[f as usize] == NONE {
+                self.expose(f)
+            } else {
+                self.cover(f)
+            }
         }
         true
     }
@@ -132,7 +138,11 @@ impl LiveMesh {
     pub fn triangle(&self, model: &Model, face: u32) -> [u32; 3] {
         let face = &model.topology.faces[face as usize];
         let [a, b, c] = face.vertices;
-        if self.alive[face.tetrahedra[0] as usize] { [a, b, c] } else { [a, c, b] }
+        if self.alive[face.tetrahedra[0] as usize] {
+            [a, b, c]
+        } else {
+            [a, c, b]
+        }
     }
 
     /// Brings an older copy of the same history up to date by the removals it lacks; otherwise copies.
@@ -179,7 +189,13 @@ pub(crate) fn component_labels(model: &Model, alive: &[bool]) -> (usize, Vec<u32
     let mut count = 0;
     let mut queue = Vec::new();
     for seed in 0..label.len() {
-        let star = |v: usize| model.topology.star(v).iter().filter(|t| alive[**t as usize]);
+        let star = |v: usize| {
+            model
+                .topology
+                .star(v)
+                .iter()
+                .filter(|t| alive[**t as usize])
+        };
         if label[seed] != NONE || star(seed).next().is_none() {
             continue;
         }

@@ -22,7 +22,8 @@ impl Pose {
 
     /// Tool-frame position of a point given in the world.
     pub fn local(&self, world: &Vec3) -> Vec3 {
-        self.orientation.inverse_transform_vector(&(world - self.position))
+        self.orientation
+            .inverse_transform_vector(&(world - self.position))
     }
 }
 
@@ -39,7 +40,10 @@ impl PoseInput {
     pub fn pose(&self) -> Option<Pose> {
         let [x, y, z, qw, qx, qy, qz] = self.value;
         let orientation = unit([qw, qx, qy, qz])?;
-        Some(Pose { position: Vec3::new(x, y, z), orientation })
+        Some(Pose {
+            position: Vec3::new(x, y, z),
+            orientation,
+        })
     }
 }
 
@@ -63,8 +67,15 @@ enum Coordinate {
     Line(Line),
     /// u + u' s + (last - u)(1 - s/H); the rate is 0 and the roles of u and last are those of a ramp
     /// where no derivative is given.
-    Blend { last: f64, value: f64, rate: f64 },
-    Ramp { last: f64, value: f64 },
+    Blend {
+        last: f64,
+        value: f64,
+        rate: f64,
+    },
+    Ramp {
+        last: f64,
+        value: f64,
+    },
 }
 
 /// The path of one tool over one communication step of `count` substeps of length h.
@@ -105,14 +116,29 @@ impl Path {
                 Some(line) if line.rate == rate && line.substep == substep => {
                     Coordinate::Line(line)
                 }
-                _ => Coordinate::Line(Line { origin: last, rate, substep, ticks: 0 }),
+                _ => Coordinate::Line(Line {
+                    origin: last,
+                    rate,
+                    substep,
+                    ticks: 0,
+                }),
             }
         });
-        let mut end = [input.value[3], input.value[4], input.value[5], input.value[6]];
+        let mut end = [
+            input.value[3],
+            input.value[4],
+            input.value[5],
+            input.value[6],
+        ];
         for (q, rate) in end.iter_mut().zip(&input.rate[3..]) {
             *q += rate.unwrap_or(0.0) * length;
         }
-        unit([input.value[3], input.value[4], input.value[5], input.value[6]])?;
+        unit([
+            input.value[3],
+            input.value[4],
+            input.value[5],
+            input.value[6],
+        ])?;
         Some(Path {
             coordinate,
             first: last.orientation,
@@ -136,13 +162,19 @@ impl Path {
             Coordinate::Ramp { value, .. } if k == self.count => value,
             Coordinate::Ramp { last, value } => last + (value - last) * share,
         });
-        Pose { position, orientation: slerp(&self.first, &self.last, share) }
+        Pose {
+            position,
+            orientation: slerp(&self.first, &self.last, share),
+        }
     }
 
     /// What the next step may continue.
     pub fn lines(&self) -> [Option<Line>; 3] {
         self.coordinate.map(|c| match c {
-            Coordinate::Line(line) => Some(Line { ticks: line.ticks + self.count, ..line }),
+            Coordinate::Line(line) => Some(Line {
+                ticks: line.ticks + self.count,
+                ..line
+            }),
             _ => None,
         })
     }
@@ -150,7 +182,11 @@ impl Path {
 
 /// Shortest way; exact at both ends and where they agree.
 fn slerp(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>, t: f64) -> UnitQuaternion<f64> {
-    let b = if a.coords.dot(&b.coords) < 0.0 { UnitQuaternion::new_unchecked(-b.into_inner()) } else { *b };
+    let b = if a.coords.dot(&b.coords) < 0.0 {
+        UnitQuaternion::new_unchecked(-b.into_inner())
+    } else {
+        *b
+    };
     if *a == b || t == 0.0 {
         return *a;
     }
@@ -165,7 +201,10 @@ mod tests {
     use super::*;
 
     fn rest() -> Pose {
-        Pose { position: Vec3::new(0.1, 0.2, 0.3), orientation: UnitQuaternion::identity() }
+        Pose {
+            position: Vec3::new(0.1, 0.2, 0.3),
+            orientation: UnitQuaternion::identity(),
+        }
     }
 
     fn input(value: [f64; 3], rate: [Option<f64>; 3]) -> PoseInput {
@@ -177,8 +216,14 @@ mod tests {
 
     #[test]
     fn ramp_ends_at_the_new_value() {
-        let path =
-            Path::new(&rest(), &input([0.4, 0.2, 0.3], [None; 3]), &[None; 3], 4, 0.25).unwrap();
+        let path = Path::new(
+            &rest(),
+            &input([0.4, 0.2, 0.3], [None; 3]),
+            &[None; 3],
+            4,
+            0.25,
+        )
+        .unwrap();
         assert_eq!(path.at(4).position, Vec3::new(0.4, 0.2, 0.3));
         assert!((path.at(1).position.x - 0.175).abs() < 1e-16);
         assert_eq!(path.at(3).position.y, 0.2);
@@ -198,9 +243,14 @@ mod tests {
         let (mut pose, mut lines) = (rest(), [None; 3]);
         for step in 0..10u64 {
             let x = 0.1 + rate * (step as f64 * 1e-3);
-            let path =
-                Path::new(&pose, &input([x, 0.2, 0.3], [Some(rate), None, None]), &lines, 3, h)
-                    .unwrap();
+            let path = Path::new(
+                &pose,
+                &input([x, 0.2, 0.3], [Some(rate), None, None]),
+                &lines,
+                3,
+                h,
+            )
+            .unwrap();
             for k in 1..=3 {
                 assert_eq!(path.at(k), whole.at(3 * step + k));
             }

@@ -44,8 +44,8 @@ pub fn read(path: &Path) -> Result<Model, PrepareError> {
 pub fn prepare(mut scene: scene::Scene, path: &Path) -> Result<Model, PrepareError> {
     let file = path.display().to_string();
     let base = path.parent().unwrap_or(Path::new("."));
-    let mut mesh = mesh::load::load(&scene.mesh, base)
-        .map_err(|e| PrepareError::Mesh(file.clone(), e))?;
+    let mut mesh =
+        mesh::load::load(&scene.mesh, base).map_err(|e| PrepareError::Mesh(file.clone(), e))?;
     let report = mesh::repair(&mut mesh).map_err(|e| ModelError::Mesh(file.clone(), e))?;
     scene.mesh = MeshSource::Inline {
         nodes: mesh.nodes.iter().map(|p| (*p).into()).collect(),
@@ -58,8 +58,10 @@ pub fn prepare(mut scene: scene::Scene, path: &Path) -> Result<Model, PrepareErr
 
 /// Files for the FMU's `resources/`.
 pub fn resources(model: &Model) -> Result<[(&'static str, Vec<u8>); 2], serde_json::Error> {
-    let precomputed =
-        Precomputed { fingerprint: model.fingerprint, spectrum: model.spectrum };
+    let precomputed = Precomputed {
+        fingerprint: model.fingerprint,
+        spectrum: model.spectrum,
+    };
     Ok([
         (SCENE, serde_json::to_vec(&model.scene)?),
         (PRECOMPUTED, serde_json::to_vec(&precomputed)?),
@@ -70,7 +72,10 @@ pub fn resources(model: &Model) -> Result<[(&'static str, Vec<u8>); 2], serde_js
 pub fn open(resources: &Path) -> Result<Model, PrepareError> {
     let scene = scene::read(&resources.join(SCENE))?;
     let MeshSource::Inline { nodes, tetrahedra } = &scene.mesh else {
-        return Err(PrepareError::Resource(SCENE.into(), "has no inline mesh; build the FMU again".into()));
+        return Err(PrepareError::Resource(
+            SCENE.into(),
+            "has no inline mesh; build the FMU again".into(),
+        ));
     };
     let mesh = TetMesh {
         nodes: nodes.iter().map(|p| Vec3::from(*p)).collect(),
@@ -83,5 +88,9 @@ pub fn open(resources: &Path) -> Result<Model, PrepareError> {
         serde_json::from_slice(&text).map_err(|e| damaged(format!("is damaged: {e}")))?;
     let matches = |model: &Model| model.fingerprint == known.fingerprint;
     let model = Model::with_spectrum(scene.clone(), mesh.clone(), SCENE, Some(known.spectrum))?;
-    if matches(&model) { Ok(model) } else { Ok(Model::new(scene, mesh, SCENE)?) }
+    if matches(&model) {
+        Ok(model)
+    } else {
+        Ok(Model::new(scene, mesh, SCENE)?)
+    }
 }

@@ -31,7 +31,9 @@ pub struct Reference {
 pub enum ReferenceError {
     #[error("{0}: {1}")]
     Statics(String, StaticsError),
-    #[error("{0}: in equilibrium {1} tetrahedra are inverted (smallest volume ratio {2:.3}); the linear law does not hold for so large a deformation: use less load or stiffer tissue")]
+    #[error(
+        "{0}: in equilibrium {1} tetrahedra are inverted (smallest volume ratio {2:.3}); the linear law does not hold for so large a deformation: use less load or stiffer tissue"
+    )]
     Inverted(String, usize, f64),
 }
 
@@ -52,8 +54,8 @@ pub fn solve(model: &Model, after_cuts: bool) -> Result<Reference, ReferenceErro
             live.remove(model, *t);
         }
     }
-    let (u, residual) = equilibrium(model, &live)
-        .map_err(|e| ReferenceError::Statics(model.file.clone(), e))?;
+    let (u, residual) =
+        equilibrium(model, &live).map_err(|e| ReferenceError::Statics(model.file.clone(), e))?;
     let mut smallest = f64::INFINITY;
     let mut inverted = 0;
     for (t, nodes) in model.mesh.tetrahedra.iter().enumerate() {
@@ -64,7 +66,11 @@ pub fn solve(model: &Model, after_cuts: bool) -> Result<Reference, ReferenceErro
         }
     }
     if inverted > 0 {
-        return Err(ReferenceError::Inverted(model.file.clone(), inverted, smallest));
+        return Err(ReferenceError::Inverted(
+            model.file.clone(),
+            inverted,
+            smallest,
+        ));
     }
     let lanes: Vec<_> = u.iter().map(|u| (*u).into()).collect();
     let external = external(model, &live);
@@ -73,16 +79,32 @@ pub fn solve(model: &Model, after_cuts: bool) -> Result<Reference, ReferenceErro
         let i = *node as usize;
         if live.star_count[i] > 0 && model.boundary.free[i] != [true; 3] {
             let force = live.tensors.row_product(&model.pattern, i, &lanes) - external[i];
-            let held = Vec3::from_fn(|a, _| if model.boundary.free[i][a] { 0.0 } else { force[a] });
+            let held = Vec3::from_fn(|a, _| {
+                if model.boundary.free[i][a] {
+                    0.0
+                } else {
+                    force[a]
+                }
+            });
             reaction.insert(scene_node as u32, held.into());
         }
     }
     let by_scene = |of: &dyn Fn(usize) -> Vec3| -> Vec<[f64; 3]> {
-        model.node.iter().map(|node| of(*node as usize).into()).collect()
+        model
+            .node
+            .iter()
+            .map(|node| of(*node as usize).into())
+            .collect()
     };
     Ok(Reference {
         nodes: by_scene(&|i| model.mesh.nodes[i]),
-        displacement: by_scene(&|i| if live.star_count[i] > 0 { u[i] } else { Vec3::zeros() }),
+        displacement: by_scene(&|i| {
+            if live.star_count[i] > 0 {
+                u[i]
+            } else {
+                Vec3::zeros()
+            }
+        }),
         reaction,
         minimum_volume_ratio: if smallest.is_finite() { smallest } else { 1.0 },
         residual,

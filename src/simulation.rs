@@ -62,7 +62,9 @@ impl Simulation {
 
     /// A change that takes effect with [`Simulation::rebuild`].
     pub fn change_scene(&mut self, change: impl FnOnce(&mut Scene)) {
-        let scene = self.pending.get_or_insert_with(|| Box::new(self.model.scene.clone()));
+        let scene = self
+            .pending
+            .get_or_insert_with(|| Box::new(self.model.scene.clone()));
         change(scene);
     }
 
@@ -78,7 +80,9 @@ impl Simulation {
     /// Makes the model anew where the scene was changed, keeping inputs and parameters that were set.
     /// Returns whether it had to.
     pub fn rebuild(&mut self) -> Result<bool, ModelError> {
-        let Some(scene) = self.pending.take() else { return Ok(false) };
+        let Some(scene) = self.pending.take() else {
+            return Ok(false);
+        };
         if *scene == self.model.scene {
             return Ok(false);
         }
@@ -122,14 +126,18 @@ impl Simulation {
         self.forget();
     }
 
-    /// Places the tools where the inputs say, before the first step.
-    /// The error is the number of the tool, from 1, whose orientation is zero.
+    /// Places the tools where the inputs say, before the first step. One whose orientation is zero
+    /// stays; the error names the first such.
     pub fn place_tools(&mut self) -> Result<(), StepError> {
+        let mut outcome = Ok(());
         for (k, tool) in self.state.tools.iter_mut().enumerate() {
-            tool.pose = tool.input.pose().ok_or(StepError::Orientation(k + 1))?;
+            match tool.input.pose() {
+                Some(pose) => tool.pose = pose,
+                None => outcome = outcome.and(Err(StepError::Orientation(k + 1))),
+            }
             tool.lines = [None; 3];
         }
-        Ok(())
+        outcome
     }
 
     /// Advances by `length` \[s\]; on an error nothing has changed.
@@ -180,7 +188,12 @@ impl Simulation {
     pub fn set_gravity(&mut self, axis: usize, value: f64) {
         let change = value - self.state.parameters.gravity[axis];
         let half = 0.5 * self.state.clock.substep;
-        let State { live, displacement, velocity, .. } = &self.state;
+        let State {
+            live,
+            displacement,
+            velocity,
+            ..
+        } = &self.state;
         // As for a load: at the displacement half a substep ago.
         let moment: f64 = (live.weight.iter().zip(displacement).zip(velocity))
             .map(|((m, u), v)| m * (u.0[axis] - half * v.0[axis]))
@@ -229,13 +242,19 @@ impl Simulation {
 
     /// Current position of shown vertex j \[m\].
     pub fn surface_vertex(&self, j: usize) -> Vec3 {
-        self.state.position(&self.model, self.model.surface_nodes[j])
+        self.state
+            .position(&self.model, self.model.surface_nodes[j])
     }
 
     /// Row j of the exposed triangles, as indices into the shown vertices, outward; -1 past their number.
     pub fn surface_triangle(&self, j: usize) -> [i32; 3] {
-        let Some(face) = self.state.live.surface.get(j) else { return [-1; 3] };
-        self.state.live.triangle(&self.model, *face).map(|v| self.model.shown_index(v))
+        let Some(face) = self.state.live.surface.get(j) else {
+            return [-1; 3];
+        };
+        self.state
+            .live
+            .triangle(&self.model, *face)
+            .map(|v| self.model.shown_index(v))
     }
 
     pub fn surface_triangle_count(&self) -> usize {
@@ -256,7 +275,7 @@ impl Simulation {
 
     /// Largest stable substep at the present damping \[s\].
     pub fn critical_substep(&self) -> f64 {
-        self.model.critical_step(self.state.parameters.damping)
+        step::critical_substep(&self.model, &self.state)
     }
 
     /// Substep in use \[s\].

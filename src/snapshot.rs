@@ -48,11 +48,18 @@ impl Out {
     }
 
     fn axes(&mut self, axes: [bool; 3]) {
-        self.int(axes.iter().enumerate().map(|(k, a)| u64::from(*a) << k).sum());
+        self.int(
+            axes.iter()
+                .enumerate()
+                .map(|(k, a)| u64::from(*a) << k)
+                .sum(),
+        );
     }
 
     fn xyz(&mut self, lanes: &[Lane]) {
-        lanes.iter().for_each(|l| self.reals([l.0[0], l.0[1], l.0[2]]));
+        lanes
+            .iter()
+            .for_each(|l| self.reals([l.0[0], l.0[1], l.0[2]]));
     }
 }
 
@@ -60,7 +67,10 @@ struct In<'a>(&'a [u8]);
 
 impl In<'_> {
     fn int(&mut self) -> Result<u64, SnapshotError> {
-        let (head, tail) = self.0.split_first_chunk::<8>().ok_or(SnapshotError::Damaged)?;
+        let (head, tail) = self
+            .0
+            .split_first_chunk::<8>()
+            .ok_or(SnapshotError::Damaged)?;
         self.0 = tail;
         Ok(u64::from_le_bytes(*head))
     }
@@ -68,7 +78,11 @@ impl In<'_> {
     /// A number below `limit`.
     fn index(&mut self, limit: usize) -> Result<usize, SnapshotError> {
         let value = self.int()? as usize;
-        if value < limit { Ok(value) } else { Err(SnapshotError::Damaged) }
+        if value < limit {
+            Ok(value)
+        } else {
+            Err(SnapshotError::Damaged)
+        }
     }
 
     fn flag(&mut self) -> Result<bool, SnapshotError> {
@@ -121,7 +135,11 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
     out.xyz(&state.displacement);
     out.xyz(&state.velocity);
     out.int(state.live.removed.len() as u64);
-    state.live.removed.iter().for_each(|t| out.int(u64::from(*t)));
+    state
+        .live
+        .removed
+        .iter()
+        .for_each(|t| out.int(u64::from(*t)));
     out.int(state.held.len() as u64);
     for held in &state.held {
         out.int(u64::from(held.node));
@@ -148,7 +166,12 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
         out.reals([q.w, q.i, q.j, q.k]);
         for line in &tool.lines {
             out.int(u64::from(line.is_some()));
-            let line = line.unwrap_or(Line { origin: 0.0, rate: 0.0, substep: 0.0, ticks: 0 });
+            let line = line.unwrap_or(Line {
+                origin: 0.0,
+                rate: 0.0,
+                substep: 0.0,
+                ticks: 0,
+            });
             out.reals([line.origin, line.rate, line.substep]);
             out.int(line.ticks);
         }
@@ -159,7 +182,12 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
         out.int(u64::from(tool.in_contact));
     }
     let account = state.account;
-    out.reals([account.tool_work, account.support_work, account.dissipated, account.start]);
+    out.reals([
+        account.tool_work,
+        account.support_work,
+        account.dissipated,
+        account.start,
+    ]);
     out.int(u64::from(account.strikes));
     out.reals(state.parameters.gravity);
     out.real(state.parameters.damping);
@@ -173,19 +201,32 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
 
 /// Length of what [`write`] makes.
 pub fn size(state: &State) -> usize {
-    let words = 1 + 1 + 4
+    let words = 1
+        + 1
+        + 4
         + 6 * state.displacement.len()
-        + 1 + state.live.removed.len()
-        + 1 + 11 * state.held.len()
-        + 1 + 8 * state.released.len()
+        + 1
+        + state.live.removed.len()
+        + 1
+        + 11 * state.held.len()
+        + 1
+        + 8 * state.released.len()
         + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1) * state.tools.len()
-        + 5 + 4 + 1 + 2 + 1;
+        + 5
+        + 4
+        + 1
+        + 2
+        + 1;
     8 * words
 }
 
 pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
-    let rest = bytes.strip_prefix(MAGIC.as_slice()).ok_or(SnapshotError::Version)?;
-    let (body, check) = bytes.split_last_chunk::<8>().ok_or(SnapshotError::Damaged)?;
+    let rest = bytes
+        .strip_prefix(MAGIC.as_slice())
+        .ok_or(SnapshotError::Version)?;
+    let (body, check) = bytes
+        .split_last_chunk::<8>()
+        .ok_or(SnapshotError::Damaged)?;
     let mut sum = Fnv::default();
     sum.write(body);
     if sum.0 != u64::from_le_bytes(*check) {
@@ -199,7 +240,12 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     let tools = model.scene.tools.len();
     let mut state = State::new(model);
     let [anchor, substep] = input.reals()?;
-    state.clock = Clock { anchor, substep, ticks: input.int()?, total: input.int()? };
+    state.clock = Clock {
+        anchor,
+        substep,
+        ticks: input.int()?,
+        total: input.int()?,
+    };
     input.xyz(&mut state.displacement)?;
     input.xyz(&mut state.velocity)?;
     for _ in 0..input.index(model.mesh.tetrahedra.len() + 1)? {
@@ -238,8 +284,17 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     }
     let [tool_work, support_work, dissipated, start] = input.reals()?;
     let strikes = input.int()? as u32;
-    state.account = Account { tool_work, support_work, dissipated, start, strikes };
-    state.parameters = Parameters { gravity: input.reals()?, damping: input.real()? };
+    state.account = Account {
+        tool_work,
+        support_work,
+        dissipated,
+        start,
+        strikes,
+    };
+    state.parameters = Parameters {
+        gravity: input.reals()?,
+        damping: input.real()?,
+    };
     state.cuts_done = input.index(model.cuts.len() + 1)?;
     [state.since_haptic, state.nominal_substep] = input.reals()?;
     if !input.0.is_empty() {
@@ -263,7 +318,12 @@ fn read_tool(input: &mut In) -> Result<ToolState, SnapshotError> {
         let some = input.flag()?;
         let [origin, rate, substep] = input.reals()?;
         let ticks = input.int()?;
-        *line = some.then_some(Line { origin, rate, substep, ticks });
+        *line = some.then_some(Line {
+            origin,
+            rate,
+            substep,
+            ticks,
+        });
     }
     Ok(ToolState {
         input: PoseInput { value, rate },

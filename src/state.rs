@@ -89,12 +89,21 @@ impl State {
     /// At time 0.
     pub fn new(model: &Model) -> State {
         let nodes = model.mesh.nodes.len();
-        let parameters =
-            Parameters { gravity: model.scene.gravity, damping: model.damping() };
+        let parameters = Parameters {
+            gravity: model.scene.gravity,
+            damping: model.damping(),
+        };
         let nominal_substep = model.substep(parameters.damping);
         let mut state = State {
-            clock: Clock { substep: nominal_substep, ..Clock::default() },
-            displacement: model.start_displacement.iter().map(|u| Lane::from(*u)).collect(),
+            clock: Clock {
+                substep: nominal_substep,
+                ..Clock::default()
+            },
+            displacement: model
+                .start_displacement
+                .iter()
+                .map(|u| Lane::from(*u))
+                .collect(),
             velocity: vec![Lane::default(); nodes],
             live: model.whole.clone(),
             external: vec![Lane::default(); nodes],
@@ -120,7 +129,9 @@ impl State {
                     state.displacement[i].0[axis] = start[axis];
                 }
             }
-            state.held.push(Held::by_support(k as u32, prescribed.node, prescribed.axes));
+            state
+                .held
+                .push(Held::by_support(k as u32, prescribed.node, prescribed.axes));
         }
         state.refresh_all(model);
         state.account.start = state.energy(model).balance();
@@ -136,7 +147,11 @@ impl State {
     }
 
     pub fn energy(&self, model: &Model) -> crate::energy::Energy {
-        crate::energy::evaluate(model, self, &mut vec![Vec3::zeros(); self.displacement.len()])
+        crate::energy::evaluate(
+            model,
+            self,
+            &mut vec![Vec3::zeros(); self.displacement.len()],
+        )
     }
 
     /// Recomputes what follows from the rest.
@@ -215,7 +230,10 @@ impl ToolState {
     fn new(tool: &crate::scene::Tool) -> ToolState {
         let [x, y, z] = tool.position;
         let [qw, qx, qy, qz] = tool.orientation;
-        let input = PoseInput { value: [x, y, z, qw, qx, qy, qz], rate: [None; 7] };
+        let input = PoseInput {
+            value: [x, y, z, qw, qx, qy, qz],
+            rate: [None; 7],
+        };
         // The scene refuses a zero quaternion.
         let pose = input.pose().unwrap_or(Pose {
             position: Vec3::from(tool.position),

@@ -16,7 +16,9 @@ use crate::model::tensor_mass::{Pattern, Tensors};
 /// Why there is no solution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum StaticsError {
-    #[error("the stiffness matrix is not positive definite: some tissue is not held against every rigid motion; fix at least three nodes of each piece that are not in line")]
+    #[error(
+        "the stiffness matrix is not positive definite: some tissue is not held against every rigid motion; fix at least three nodes of each piece that are not in line"
+    )]
     NotHeld,
     #[error("not enough memory for the factor")]
     Memory,
@@ -119,7 +121,9 @@ impl Factor {
         )
         .map_err(|_| StaticsError::Memory)?;
         let mut values = Vec::new();
-        values.try_reserve_exact(symbolic.len_val()).map_err(|_| StaticsError::Memory)?;
+        values
+            .try_reserve_exact(symbolic.len_val())
+            .map_err(|_| StaticsError::Memory)?;
         values.resize(symbolic.len_val(), 0.0);
         let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Spec::default());
         let mut memory = MemBuffer::try_new(scratch).map_err(|_| StaticsError::Memory)?;
@@ -134,7 +138,11 @@ impl Factor {
                 Spec::default(),
             )
             .map_err(|_| StaticsError::NotHeld)?;
-        Ok(Factor { symbolic, values, size })
+        Ok(Factor {
+            symbolic,
+            values,
+            size,
+        })
     }
 
     /// Solves in place for right sides stored one after the other.
@@ -144,7 +152,11 @@ impl Factor {
         }
         let count = columns.len() / self.size;
         let factor = LltRef::new(&self.symbolic, &self.values);
-        let mut memory = MemBuffer::new(factor.symbolic().solve_in_place_scratch::<f64>(count, Par::Seq));
+        let mut memory = MemBuffer::new(
+            factor
+                .symbolic()
+                .solve_in_place_scratch::<f64>(count, Par::Seq),
+        );
         let columns = MatMut::from_column_major_slice_mut(columns, self.size, count);
         factor.solve_in_place_with_conj(Conj::No, columns, Par::Seq, MemStack::new(&mut memory));
     }
@@ -168,7 +180,11 @@ pub fn solve(
     let mut residual = f64::INFINITY;
     for _ in 0..4 {
         tensors.product(pattern, &lanes(displacement), &mut internal);
-        let scale = external.iter().chain(&internal).map(|f| f.amax()).fold(0.0, f64::max);
+        let scale = external
+            .iter()
+            .chain(&internal)
+            .map(|f| f.amax())
+            .fold(0.0, f64::max);
         let rest: Vec<Vec3> = external.iter().zip(&internal).map(|(f, k)| f - k).collect();
         numbering.gather(&rest, &mut right);
         let now = right.iter().fold(0.0, |m: f64, r| m.max(r.abs()));

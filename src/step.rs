@@ -4,9 +4,9 @@ use crate::contact::hold;
 use crate::cut;
 use crate::energy::Account;
 use crate::mesh::Vec3;
-use crate::model::Model;
 use crate::model::sweep::{Motion, Sums, sweep};
 use crate::model::tensor_mass::Lane;
+use crate::model::{Model, critical_step};
 use crate::pose::Path;
 use crate::scene::ToolKind;
 use crate::state::State;
@@ -15,6 +15,9 @@ use crate::state::State;
 const RETRIES: u32 = 4;
 /// Share of the energy in play that the balance may miss.
 const RESIDUAL_LIMIT: f64 = 0.05;
+/// The elastic energy may exceed the whole by 1/(1 - (h/h_critical)²), no more; past this factor the
+/// scheme is running away. (The account closes even then: its kinetic part turns negative.)
+const RUNAWAY: f64 = 1000.0;
 /// Energies below this \[J\] are not compared.
 const RESIDUAL_FLOOR: f64 = 1e-9;
 /// Substeps one communication step may need; more is a host's slip (a step of hours).
@@ -29,9 +32,15 @@ pub enum StepError {
     TooLong(f64, f64),
     #[error("tool[{0}].orientation is zero; a quaternion w x y z of any length but zero is needed")]
     Orientation(usize),
+    #[error(
+        "the substep of {0:.3e} s is too long: the critical one is {1:.3e} s, out of reach of {RETRIES} halvings"
+    )]
+    Unstable(f64, f64),
     #[error("the state became non-finite at {0} s although the substep was halved {RETRIES} times")]
     NonFinite(f64),
-    #[error("the energy balance was {1:.3} J off at {0} s although the substep was halved {RETRIES} times")]
+    #[error(
+        "the energy balance was {1:.3} J off at {0} s although the substep was halved {RETRIES} times"
+    )]
     Energy(f64, f64),
 }
 
@@ -69,7 +78,11 @@ impl Workspace {
 /// |n substep - H| < 1e-9 H.
 pub fn division(length: f64, substep: f64) -> (u64, f64) {
     let n = (length / substep - 1e-6).ceil().max(1.0);
-    let h = if (n * substep - length).abs() < 1e-9 * length { substep } else { length / n };
+    let h = if (n * substep - length).abs() < 1e-9 * length {
+        substep
+    } else {
+        length / n
+    };
     (n as u64, h)
 }
 
@@ -89,10 +102,20 @@ pub fn step(
     }
     work.start.copy_from(model, state);
     let (count, substep) = division(length, state.nominal_substep);
+    // The law is linear, so the limit is known: no need to run into it first.
+    let critical = critical_substep(model, state);
+    let foreseen = (substep / critical).log2().ceil().max(0.0);
+    if foreseen > f64::from(RETRIES) {
+        return Err(StepError::Unstable(substep, critical));
+    }
     let mut outcome = Ok(0);
-    for halvings in 0..=RETRIES {
+    for halvings in foreseen as u32..=RETRIES {
         let n = count << halvings;
-        let h = if halvings == 0 { substep } else { length / n as f64 };
+        let h = if halvings == 0 {
+            substep
+        } else {
+            length / n as f64
+        };
         outcome = advance(model, state, work, n, h).map(|()| halvings);
         match outcome {
             Ok(_) => return outcome,
@@ -105,6 +128,16 @@ pub fn step(
         }
     }
     outcome
+}
+
+/// Largest stable substep of the tissue as it is \[s\].
+pub fn critical_substep(model: &Model, state: &State) -> f64 {
+    let omega = if state.live.removed.is_empty() {
+        model.spectrum.highest
+    } else {
+        model.limiting_frequency()
+    };
+    critical_step::symplectic_euler(omega, state.parameters.damping)
 }
 
 fn advance(
@@ -173,7 +206,11 @@ fn advance(
         state.since_haptic += h;
     }
     update_loads(model, state);
-    if !state.displacement.iter().all(|u| (u.0[0] + u.0[1] + u.0[2]).is_finite()) {
+    if !state
+        .displacement
+        .iter()
+        .all(|u| (u.0[0] + u.0[1] + u.0[2]).is_finite())
+    {
         return Err(StepError::NonFinite(state.clock.time()));
     }
     let length = n as f64 * h;
@@ -197,8 +234,10 @@ fn set_substep(model: &Model, state: &mut State, h: f64) {
     for i in 0..state.displacement.len() {
         let v = state.velocity[i].xyz();
         if v != Vec3::zeros() {
-            let internal =
-                state.live.tensors.row_product(&model.pattern, i, &state.displacement);
+            let internal = state
+                .live
+                .tensors
+                .row_product(&model.pattern, i, &state.displacement);
             let damping = v * (state.parameters.damping * state.live.mass[i]);
             change += 0.5 * (h - old) * v.dot(&(state.external[i].xyz() - internal - damping));
         }
@@ -234,9 +273,7 @@ fn set_targets(model: &Model, state: &mut State, h: f64) {
     for held in &mut state.held {
         let i = held.node as usize;
         held.target = match held.tool {
-            Some(tool) => {
-                state.tools[tool as usize].pose.point(&held.local) - model.mesh.nodes[i]
-            }
+            Some(tool) => state.tools[tool as usize].pose.point(&held.local) - model.mesh.nodes[i],
             None => model.boundary.prescribed[held.support as usize].at(time),
         };
         held.velocity = (held.target - state.displacement[i].xyz()) / h;
@@ -283,7 +320,7 @@ fn carry_held(state: &mut State, work: &mut Workspace, mut sums: Sums, h: f64) -
     (sums, trailing)
 }
 
-/// Non-finite at once; an energy residual on two haptic ticks running. `before` is the account before
+/// Non-finite or running away at once; an energy residual on two haptic ticks running. `before` is the account before
 /// this substep.
 fn watch(
     state: &mut State,
@@ -296,6 +333,9 @@ fn watch(
     if !(elastic + kinetic + sums.external + sums.damping).is_finite() {
         return Err(StepError::NonFinite(state.clock.time()));
     }
+    if elastic > RUNAWAY * (elastic + kinetic).abs().max(RESIDUAL_FLOOR) {
+        return Err(StepError::Energy(state.clock.time(), elastic));
+    }
     if tick {
         let balance = elastic + kinetic - sums.external + before.dissipated
             - before.tool_work
@@ -304,7 +344,11 @@ fn watch(
         let residual = balance - before.start;
         let in_play = (elastic + kinetic + before.tool_work.abs()).max(RESIDUAL_FLOOR);
         let strikes = &mut state.account.strikes;
-        *strikes = if residual.abs() > RESIDUAL_LIMIT * in_play { *strikes + 1 } else { 0 };
+        *strikes = if residual.abs() > RESIDUAL_LIMIT * in_play {
+            *strikes + 1
+        } else {
+            0
+        };
         if *strikes >= 2 {
             return Err(StepError::Energy(state.clock.time(), residual));
         }

@@ -13,7 +13,13 @@ use tissue::state::State;
 fn fresh(model: &Model, state: &State) -> (Tensors, Vec<f64>) {
     let mut tensors = Tensors::zeros(&model.pattern);
     let mut mass = vec![0.0; model.mesh.nodes.len()];
-    for (t, nodes) in model.mesh.tetrahedra.iter().enumerate().filter(|(t, _)| state.live.alive[*t]) {
+    for (t, nodes) in model
+        .mesh
+        .tetrahedra
+        .iter()
+        .enumerate()
+        .filter(|(t, _)| state.live.alive[*t])
+    {
         let material = model.material(t);
         tensors.accumulate(&model.pattern, nodes, &model.shape[t], &material.lame, 1.0);
         for v in nodes {
@@ -26,15 +32,23 @@ fn fresh(model: &Model, state: &State) -> (Tensors, Vec<f64>) {
 fn check(s: &Simulation) {
     let (model, state) = (s.model(), s.state());
     let (tensors, mass) = fresh(model, state);
-    let scale = tensors.entries(&model.pattern).map(|(_, _, b)| b.amax()).fold(0.0, f64::max);
+    let scale = tensors
+        .entries(&model.pattern)
+        .map(|(_, _, b)| b.amax())
+        .fold(0.0, f64::max);
     let mut live = state.live.tensors.entries(&model.pattern);
     for (i, j, block) in tensors.entries(&model.pattern) {
         let (_, _, now) = live.next().unwrap();
         assert!((now - block).amax() <= 1e-12 * scale);
-        assert!(block.amax() > 0.0 || now.amax() == 0.0, "edge {i} {j} is not exactly zero");
+        assert!(
+            block.amax() > 0.0 || now.amax() == 0.0,
+            "edge {i} {j} is not exactly zero"
+        );
     }
     for (v, m) in mass.iter().enumerate() {
-        assert!((state.live.mass[v] - m).abs() <= 1e-12 * mass.iter().fold(0.0, |a: f64, b| a.max(*b)));
+        assert!(
+            (state.live.mass[v] - m).abs() <= 1e-12 * mass.iter().fold(0.0, |a: f64, b| a.max(*b))
+        );
         assert!(*m > 0.0 || state.live.mass[v] == 0.0);
     }
     // Closed: each directed edge meets its opposite as often. Volume enclosed = volume left.
@@ -50,9 +64,15 @@ fn check(s: &Simulation) {
         enclosed += p[0].dot(&p[1].cross(&p[2])) / 6.0;
     }
     assert!(edges.values().all(|n| *n == 0));
-    let left: f64 = (0..model.shape.len()).filter(|t| state.live.alive[*t]).map(|t| model.shape[t].volume).sum();
+    let left: f64 = (0..model.shape.len())
+        .filter(|t| state.live.alive[*t])
+        .map(|t| model.shape[t].volume)
+        .sum();
     assert!((enclosed - left).abs() < 1e-12 * model.report.volume);
-    assert!((model.report.volume - left - state.live.removed_volume).abs() < 1e-12 * model.report.volume);
+    assert!(
+        (model.report.volume - left - state.live.removed_volume).abs()
+            < 1e-12 * model.report.volume
+    );
 }
 
 #[test]
@@ -74,9 +94,18 @@ fn cautery_cuts_equal_a_fresh_assembly() {
 fn removing_all_leaves_exact_zeros() {
     let count = common::model(common::BAR).shape.len();
     let cuts: Vec<String> = (0..count)
-        .map(|k| format!(r#"{{"time": {}, "where": {{"tetrahedra": [{}]}}}}"#, 1e-4 * k as f64, k * 337 % count))
+        .map(|k| {
+            format!(
+                r#"{{"time": {}, "where": {{"tetrahedra": [{}]}}}}"#,
+                1e-4 * k as f64,
+                k * 337 % count
+            )
+        })
         .collect();
-    let text = common::BAR.replace("\"tools\"", &format!("\"cuts\": [{}], \"tools\"", cuts.join(",")));
+    let text = common::BAR.replace(
+        "\"tools\"",
+        &format!("\"cuts\": [{}], \"tools\"", cuts.join(",")),
+    );
     let mut s = common::simulation(&text);
     for k in 0..(count / 10 + 5) {
         s.step(1e-3).unwrap();
@@ -85,9 +114,29 @@ fn removing_all_leaves_exact_zeros() {
         }
     }
     assert_eq!(s.state().live.removed.len(), count);
-    assert_eq!((s.surface_triangle_count(), s.pieces(), s.minimum_volume_ratio()), (0, 0, 1.0));
+    assert_eq!(
+        (
+            s.surface_triangle_count(),
+            s.pieces(),
+            s.minimum_volume_ratio()
+        ),
+        (0, 0, 1.0)
+    );
     let model = s.model().clone();
-    assert!(s.state().live.tensors.entries(&model.pattern).all(|(_, _, b)| b.amax() == 0.0));
-    assert!(s.state().live.mass.iter().chain(&s.state().live.weight).all(|m| *m == 0.0));
+    assert!(
+        s.state()
+            .live
+            .tensors
+            .entries(&model.pattern)
+            .all(|(_, _, b)| b.amax() == 0.0)
+    );
+    assert!(
+        s.state()
+            .live
+            .mass
+            .iter()
+            .chain(&s.state().live.weight)
+            .all(|m| *m == 0.0)
+    );
     s.step(1e-3).unwrap();
 }

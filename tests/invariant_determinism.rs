@@ -11,10 +11,21 @@ fn bits(s: &mut Simulation) -> Vec<u64> {
         .flat_map(|l| [l.0[0], l.0[1], l.0[2]].map(f64::to_bits))
         .collect();
     for tool in &state.tools {
-        all.extend(tool.force.iter().chain(tool.torque.iter()).map(|x| x.to_bits()));
+        all.extend(
+            tool.force
+                .iter()
+                .chain(tool.torque.iter())
+                .map(|x| x.to_bits()),
+        );
     }
     all.extend([e.elastic, e.kinetic, e.dissipated, e.tool_work].map(f64::to_bits));
-    all.push(state.live.surface.iter().fold(0u64, |h, f| h.wrapping_mul(31).wrapping_add(u64::from(*f))));
+    all.push(
+        state
+            .live
+            .surface
+            .iter()
+            .fold(0u64, |h, f| h.wrapping_mul(31).wrapping_add(u64::from(*f))),
+    );
     all
 }
 

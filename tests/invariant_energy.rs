@@ -5,9 +5,17 @@ mod common;
 use tissue::energy::Energy;
 
 fn largest(e: &Energy) -> f64 {
-    [e.elastic, e.kinetic, e.gravity, e.load, e.tool_work, e.support_work, e.dissipated]
-        .iter()
-        .fold(0.0, |m, x| m.max(x.abs()))
+    [
+        e.elastic,
+        e.kinetic,
+        e.gravity,
+        e.load,
+        e.tool_work,
+        e.support_work,
+        e.dissipated,
+    ]
+    .iter()
+    .fold(0.0, |m, x| m.max(x.abs()))
 }
 
 #[test]
@@ -20,7 +28,10 @@ fn balance_closes_to_round_off_through_press_grasp_cut_and_drop() {
         let energy = s.energy();
         scale = scale.max(largest(&energy));
         let residual = energy.balance() - s.state().account.start;
-        assert!(residual.abs() < 1e-11 * scale, "{residual:e} J of {scale:e} J at step {k}");
+        assert!(
+            residual.abs() < 1e-11 * scale,
+            "{residual:e} J of {scale:e} J at step {k}"
+        );
         touched += u32::from(s.tool(0).in_contact);
         grasped += u32::from(s.tool(1).in_contact);
     }
@@ -53,7 +64,10 @@ fn balance_closes_with_loads_prescribed_nodes_uniform_mass_and_uneven_steps() {
             let energy = s.energy();
             scale = scale.max(largest(&energy));
             let residual = energy.balance() - s.state().account.start;
-            assert!(residual.abs() < 1e-11 * scale, "{residual:e} J of {scale:e} J at step {k}");
+            assert!(
+                residual.abs() < 1e-11 * scale,
+                "{residual:e} J of {scale:e} J at step {k}"
+            );
         }
         assert!(s.state().live.removed.len() > 2 && s.energy().support_work != 0.0);
     }
@@ -74,5 +88,8 @@ fn tool_work_is_force_times_path() {
         let energy = s.energy();
         before = energy.tool_work;
     }
-    assert!((work - before).abs() < 0.02 * before.abs(), "{work} {before}");
+    assert!(
+        (work - before).abs() < 0.02 * before.abs(),
+        "{work} {before}"
+    );
 }

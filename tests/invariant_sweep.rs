@@ -21,8 +21,17 @@ fn fused_equals_plain_equals_edge_list() {
     let n = model.mesh.nodes.len();
     let mut fields: Vec<Fields> = vec![
         Fields {
-            displacement: (0..n).map(|k| Lane([1e-3 * (k as f64).sin(), 1e-3 * (2.0 * k as f64).cos(), 1e-4 * k as f64 / n as f64, 0.0])).collect(),
-            velocity: (0..n).map(|k| Lane([0.01 * (k as f64).cos(), 0.0, 0.02, 0.0])).collect(),
+            displacement: (0..n)
+                .map(|k| Lane([
+                    1e-3 * (k as f64).sin(),
+                    1e-3 * (2.0 * k as f64).cos(),
+                    1e-4 * k as f64 / n as f64,
+                    0.0
+                ]))
+                .collect(),
+            velocity: (0..n)
+                .map(|k| Lane([0.01 * (k as f64).cos(), 0.0, 0.02, 0.0]))
+                .collect(),
             residual: vec![Lane::default(); n],
             partial: vec![Lane::default(); n],
         };
@@ -43,17 +52,41 @@ fn fused_equals_plain_equals_edge_list() {
                 mass: &state.live.mass,
             };
             match k {
-                0 => sums.push(sweep(&model.pattern, &state.live.tensors, &mut motion, h, c)),
-                1 => sums.push(plain(&model.pattern, &state.live.tensors, &mut motion, h, c)),
+                0 => sums.push(sweep(
+                    &model.pattern,
+                    &state.live.tensors,
+                    &mut motion,
+                    h,
+                    c,
+                )),
+                1 => sums.push(plain(
+                    &model.pattern,
+                    &state.live.tensors,
+                    &mut motion,
+                    h,
+                    c,
+                )),
                 _ => list.step(&mut motion, h, c),
             }
         }
         let (a, b) = (sums[0], sums[1]);
-        for (x, y) in [(a.elastic, b.elastic), (a.kinetic, b.kinetic), (a.damping, b.damping), (a.external, b.external)] {
-            assert!((x - y).abs() <= 1e-12 * (a.elastic.abs() + a.kinetic.abs()), "{x} {y}");
+        for (x, y) in [
+            (a.elastic, b.elastic),
+            (a.kinetic, b.kinetic),
+            (a.damping, b.damping),
+            (a.external, b.external),
+        ] {
+            assert!(
+                (x - y).abs() <= 1e-12 * (a.elastic.abs() + a.kinetic.abs()),
+                "{x} {y}"
+            );
         }
     }
-    let scale = fields[0].displacement.iter().map(|u| u.xyz().amax()).fold(0.0, f64::max);
+    let scale = fields[0]
+        .displacement
+        .iter()
+        .map(|u| u.xyz().amax())
+        .fold(0.0, f64::max);
     for other in &fields[1..] {
         for (x, y) in fields[0].displacement.iter().zip(&other.displacement) {
             assert!((x.xyz() - y.xyz()).amax() < 1e-12 * scale);
@@ -67,7 +100,9 @@ fn row_products_are_rows_of_the_product() {
     let model = common::model(common::BAR);
     let tensors = &model.whole.tensors;
     let n = model.mesh.nodes.len();
-    let u: Vec<Lane> = (0..n).map(|k| Lane([(k as f64).sin(), (3.0 * k as f64).cos(), 0.1, 0.0])).collect();
+    let u: Vec<Lane> = (0..n)
+        .map(|k| Lane([(k as f64).sin(), (3.0 * k as f64).cos(), 0.1, 0.0]))
+        .collect();
     let mut all = vec![tissue::mesh::Vec3::zeros(); n];
     tensors.product(&model.pattern, &u, &mut all);
     let scale = all.iter().map(|f| f.amax()).fold(0.0, f64::max);

@@ -68,16 +68,35 @@ impl Host {
                 is_output: v.causality == Causality::Output,
             });
         }
-        let by_name = variables.iter().enumerate().map(|(k, v)| (v.name.clone(), k)).collect();
-        let host = Host { instance, builder, variables, by_name, time: 0.0 };
-        host.check("fmi2SetupExperiment", host.instance.setupExperiment(None, 0.0, None))?;
-        host.check("fmi2EnterInitializationMode", host.instance.enterInitializationMode())?;
+        let by_name = variables
+            .iter()
+            .enumerate()
+            .map(|(k, v)| (v.name.clone(), k))
+            .collect();
+        let host = Host {
+            instance,
+            builder,
+            variables,
+            by_name,
+            time: 0.0,
+        };
+        host.check(
+            "fmi2SetupExperiment",
+            host.instance.setupExperiment(None, 0.0, None),
+        )?;
+        host.check(
+            "fmi2EnterInitializationMode",
+            host.instance.enterInitializationMode(),
+        )?;
         Ok(host)
     }
 
     /// Ends initialisation, in which inputs may be set.
     pub fn initialised(&mut self) -> Result<(), Error> {
-        self.check("fmi2ExitInitializationMode", self.instance.exitInitializationMode())
+        self.check(
+            "fmi2ExitInitializationMode",
+            self.instance.exitInitializationMode(),
+        )
     }
 
     pub fn variables(&self) -> &[Variable] {
@@ -107,7 +126,9 @@ impl Host {
         let reference = [variable.reference];
         let status = match variable.kind {
             Kind::Real => self.instance.setReal(&reference, &[value]),
-            Kind::Boolean => self.instance.setBoolean(&reference, &[i32::from(value != 0.0)]),
+            Kind::Boolean => self
+                .instance
+                .setBoolean(&reference, &[i32::from(value != 0.0)]),
             Kind::Integer => self.instance.setInteger(&reference, &[value as i32]),
         };
         self.check(&format!("setting {} to {value}", variable.name), status)
@@ -118,11 +139,17 @@ impl Host {
     }
 
     pub fn integers(&self, references: &[u32], values: &mut [i32]) -> Result<(), Error> {
-        self.check("fmi2GetInteger", self.instance.getInteger(references, values))
+        self.check(
+            "fmi2GetInteger",
+            self.instance.getInteger(references, values),
+        )
     }
 
     pub fn booleans(&self, references: &[u32], values: &mut [i32]) -> Result<(), Error> {
-        self.check("fmi2GetBoolean", self.instance.getBoolean(references, values))
+        self.check(
+            "fmi2GetBoolean",
+            self.instance.getBoolean(references, values),
+        )
     }
 
     /// One communication step to `end` \[s\].
@@ -140,7 +167,9 @@ impl Host {
     fn check(&self, what: &str, status: fmi2Status) -> Result<(), Error> {
         match status {
             fmi2Status::Ok | fmi2Status::Warning => Ok(()),
-            other => Err(Error::Simulation(format!("{what} failed ({other:?}); see the FMU's log lines above"))),
+            other => Err(Error::Simulation(format!(
+                "{what} failed ({other:?}); see the FMU's log lines above"
+            ))),
         }
     }
 }

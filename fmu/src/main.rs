@@ -81,13 +81,19 @@ fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
         Command::Demo { output } => command::demo::run(&output),
         Command::Build { scene, output } => command::build::run(&scene, output),
-        Command::Run { model, motion, stop, step, output } => {
-            command::run::run(&model, motion.as_deref(), stop, step, &output)
-        }
+        Command::Run {
+            model,
+            motion,
+            stop,
+            step,
+            output,
+        } => command::run::run(&model, motion.as_deref(), stop, step, &output),
         Command::Inspect { model, json } => command::inspect::run(&model, json),
-        Command::Reference { scene, after_cuts, output } => {
-            command::reference::run(&scene, after_cuts, output.as_deref())
-        }
+        Command::Reference {
+            scene,
+            after_cuts,
+            output,
+        } => command::reference::run(&scene, after_cuts, output.as_deref()),
         Command::Schema => command::schema(),
     };
     match outcome {

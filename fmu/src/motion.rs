@@ -25,15 +25,31 @@ impl Motion {
         Motion::parse(text, |name| {
             let variable = host.variable(name).filter(|v| v.is_input);
             variable.cloned().ok_or_else(|| {
-                let names: Vec<_> = host.variables().iter().filter(|v| v.is_input).map(|v| v.name.as_str()).collect();
-                format!("\"{name}\" is no input of this FMU; inputs are {}", names.join(", "))
+                let names: Vec<_> = host
+                    .variables()
+                    .iter()
+                    .filter(|v| v.is_input)
+                    .map(|v| v.name.as_str())
+                    .collect();
+                format!(
+                    "\"{name}\" is no input of this FMU; inputs are {}",
+                    names.join(", ")
+                )
             })
         })
     }
 
-    fn parse(text: &str, find: impl Fn(&str) -> Result<Variable, String>) -> Result<Motion, String> {
-        let mut lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty());
-        let (_, header) = lines.next().ok_or("is empty; a header line with `time` is needed")?;
+    fn parse(
+        text: &str,
+        find: impl Fn(&str) -> Result<Variable, String>,
+    ) -> Result<Motion, String> {
+        let mut lines = text
+            .lines()
+            .enumerate()
+            .filter(|(_, l)| !l.trim().is_empty());
+        let (_, header) = lines
+            .next()
+            .ok_or("is empty; a header line with `time` is needed")?;
         let mut names = header.split(',').map(|n| n.trim().trim_matches('"'));
         if names.next() != Some("time") {
             return Err("line 1: the first column must be `time`".into());
@@ -57,7 +73,9 @@ impl Motion {
             }
             if cells.len() != columns.len() + 1 {
                 let (found, wanted) = (cells.len(), columns.len() + 1);
-                return Err(format!("line {number}: {found} values; the header has {wanted}"));
+                return Err(format!(
+                    "line {number}: {found} values; the header has {wanted}"
+                ));
             }
             if time.last().is_some_and(|t| cells[0] <= *t) {
                 return Err(format!("line {number}: time {} does not grow", cells[0]));
@@ -116,7 +134,13 @@ mod tests {
                 "on" => Kind::Boolean,
                 other => return Err(format!("no {other}")),
             };
-            Ok(Variable { name: name.into(), reference: 0, kind, is_input: true, is_output: false })
+            Ok(Variable {
+                name: name.into(),
+                reference: 0,
+                kind,
+                is_input: true,
+                is_output: false,
+            })
         })
     }
 

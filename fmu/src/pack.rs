@@ -30,20 +30,36 @@ pub fn pack(model: &Arc<Model>, path: &Path) -> Result<(), Error> {
         .map_err(|e| Error::Content(path.to_path_buf(), e.to_string()))?;
     write::whole(path, |out| {
         let mut zip = zip::ZipWriter::new(out);
-        add(&mut zip, model_description::MODEL_DESCRIPTION, description.as_bytes())?;
+        add(
+            &mut zip,
+            model_description::MODEL_DESCRIPTION,
+            description.as_bytes(),
+        )?;
         let suffix = std::env::consts::DLL_SUFFIX;
-        add(&mut zip, &format!("binaries/{PLATFORM}/{name}{suffix}"), &binary)?;
+        add(
+            &mut zip,
+            &format!("binaries/{PLATFORM}/{name}{suffix}"),
+            &binary,
+        )?;
         for (file, bytes) in &resources {
             add(&mut zip, &format!("resources/{file}"), bytes)?;
         }
-        add(&mut zip, "documentation/index.html", documentation(model).as_bytes())?;
+        add(
+            &mut zip,
+            "documentation/index.html",
+            documentation(model).as_bytes(),
+        )?;
         zip.finish()?;
         Ok(())
     })
 }
 
 /// No time stamps: the same scene gives the same file.
-fn add(zip: &mut zip::ZipWriter<impl Write + Seek>, name: &str, bytes: &[u8]) -> std::io::Result<()> {
+fn add(
+    zip: &mut zip::ZipWriter<impl Write + Seek>,
+    name: &str,
+    bytes: &[u8],
+) -> std::io::Result<()> {
     let options = SimpleFileOptions::default()
         .compression_method(zip::CompressionMethod::Deflated)
         .last_modified_time(zip::DateTime::default())
@@ -57,16 +73,31 @@ fn library() -> Result<PathBuf, Error> {
     if let Some(path) = std::env::var_os("TISSUE_FMU_LIBRARY") {
         return Ok(path.into());
     }
-    let name = format!("{}tissue_fmu{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX);
+    let name = format!(
+        "{}tissue_fmu{}",
+        std::env::consts::DLL_PREFIX,
+        std::env::consts::DLL_SUFFIX
+    );
     let program = std::env::current_exe().unwrap_or_default();
     let beside = program.parent().unwrap_or(Path::new(".")).join(&name);
-    if beside.is_file() { Ok(beside) } else { Err(Error::NoLibrary(beside)) }
+    if beside.is_file() {
+        Ok(beside)
+    } else {
+        Err(Error::NoLibrary(beside))
+    }
 }
 
 fn documentation(model: &Model) -> String {
     let scene = &model.scene;
     let tools: String = (scene.tools.iter().enumerate())
-        .map(|(k, tool)| format!("<li>tool[{}]: {} ({:?})</li>", k + 1, escape(&tool.name), tool.kind))
+        .map(|(k, tool)| {
+            format!(
+                "<li>tool[{}]: {} ({:?})</li>",
+                k + 1,
+                escape(&tool.name),
+                tool.kind
+            )
+        })
         .collect();
     format!(
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>{name}</title>\
@@ -84,5 +115,7 @@ fn documentation(model: &Model) -> String {
 }
 
 fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
 }

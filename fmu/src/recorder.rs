@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::drive::{Host, Kind};
 use crate::error::{Error, file};
-use crate::vtu::{Cells, PointData, write_pvd, write_vtu};
+use crate::vtu::{Cells, write_pvd, write_vtu};
 use crate::write;
 
 /// The tissue's surface at one time.
@@ -27,7 +27,11 @@ pub struct SurfaceReader {
 impl SurfaceReader {
     pub fn new(host: &Host) -> SurfaceReader {
         let of = |prefix: &str| {
-            host.variables().iter().filter(|v| v.name.starts_with(prefix)).map(|v| v.reference).collect()
+            host.variables()
+                .iter()
+                .filter(|v| v.name.starts_with(prefix))
+                .map(|v| v.reference)
+                .collect()
         };
         SurfaceReader {
             vertices: of("surface.vertex["),
@@ -48,7 +52,12 @@ impl SurfaceReader {
         host.integers(&self.triangles[..shown], &mut triangles)?;
         Ok(Frame {
             vertices: vertices.as_chunks().0.to_vec(),
-            triangles: triangles.as_chunks().0.iter().map(|t| t.map(|k: i32| k.max(0) as u32)).collect(),
+            triangles: triangles
+                .as_chunks()
+                .0
+                .iter()
+                .map(|t| t.map(|k: i32| k.max(0) as u32))
+                .collect(),
         })
     }
 }
@@ -65,8 +74,13 @@ pub struct Table {
 impl Table {
     /// Inputs and outputs, arrays over the surface left out.
     pub fn new(host: &Host) -> Table {
-        let mut table =
-            Table { names: Vec::new(), reals: Vec::new(), integers: Vec::new(), booleans: Vec::new(), rows: Vec::new() };
+        let mut table = Table {
+            names: Vec::new(),
+            reals: Vec::new(),
+            integers: Vec::new(),
+            booleans: Vec::new(),
+            rows: Vec::new(),
+        };
         for kind in [Kind::Real, Kind::Integer, Kind::Boolean] {
             for v in host.variables() {
                 let shown = (v.is_input || v.is_output) && !v.name.starts_with("surface.vertex[");
@@ -101,7 +115,9 @@ impl Table {
 
     /// A column by its name, as (time, value).
     pub fn column(&self, name: &str) -> Vec<[f64; 2]> {
-        let Some(k) = self.names.iter().position(|n| n == name) else { return Vec::new() };
+        let Some(k) = self.names.iter().position(|n| n == name) else {
+            return Vec::new();
+        };
         self.rows.iter().map(|(t, row)| [*t, row[k]]).collect()
     }
 
@@ -110,7 +126,15 @@ impl Table {
         write::whole(path, |out| {
             write!(out, "time")?;
             for name in &self.names {
-                write!(out, ",{}", if name.contains(',') { format!("\"{name}\"") } else { name.clone() })?;
+                write!(
+                    out,
+                    ",{}",
+                    if name.contains(',') {
+                        format!("\"{name}\"")
+                    } else {
+                        name.clone()
+                    }
+                )?;
             }
             writeln!(out)?;
             for (time, row) in &self.rows {
@@ -136,7 +160,12 @@ pub struct Series {
 impl Series {
     /// Frames go to `folder/surface/`.
     pub fn new(folder: &Path, name: &str) -> Series {
-        Series { folder: folder.to_path_buf(), name: name.to_string(), entries: Vec::new(), start: Vec::new() }
+        Series {
+            folder: folder.to_path_buf(),
+            name: name.to_string(),
+            entries: Vec::new(),
+            start: Vec::new(),
+        }
     }
 
     pub fn add(&mut self, time: f64, frame: &Frame) -> Result<(), Error> {
@@ -155,9 +184,13 @@ impl Series {
         let moved: Vec<[f64; 3]> = (frame.vertices.iter().zip(&self.start))
             .map(|(x, start)| [0, 1, 2].map(|a| x[a] - start[a]))
             .collect();
-        let cells = if frame.triangles.is_empty() { Cells::Vertices } else { Cells::Triangles(&frame.triangles) };
+        let cells = if frame.triangles.is_empty() {
+            Cells::Vertices
+        } else {
+            Cells::Triangles(&frame.triangles)
+        };
         write::whole(&self.folder.join(&name), |out| {
-            write_vtu(out, &frame.vertices, cells, &[("displacement", PointData::Vectors(&moved))])
+            write_vtu(out, &frame.vertices, cells, &[("displacement", &moved)])
         })?;
         self.entries.push((time, name));
         Ok(())

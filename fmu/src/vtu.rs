@@ -16,13 +16,6 @@ pub enum Cells<'a> {
     Vertices,
 }
 
-/// A value per point.
-#[derive(Clone, Copy, Debug)]
-pub enum PointData<'a> {
-    Scalars(&'a [f64]),
-    Vectors(&'a [[f64; 3]]),
-}
-
 /// VTK's cell type numbers.
 const VTK_VERTEX: u8 = 1;
 const VTK_TRIANGLE: u8 = 5;
@@ -37,7 +30,7 @@ pub fn write_vtu(
     out: &mut impl Write,
     points: &[[f64; 3]],
     cells: Cells,
-    point_data: &[(&str, PointData)],
+    point_data: &[(&str, &[[f64; 3]])],
 ) -> io::Result<()> {
     let own: Vec<[u32; 1]>;
     let (connectivity, corners, kind) = match cells {
@@ -76,18 +69,15 @@ pub fn write_vtu(
     write_array(out, "types", "UInt8", 1, vec![kind; count])?;
     writeln!(out, "</Cells>\n<PointData>")?;
     for (name, data) in point_data {
-        let (length, components, values) = match data {
-            PointData::Scalars(values) => (values.len(), 1, *values),
-            PointData::Vectors(values) => (values.len(), 3, values.as_flattened()),
-        };
-        if length != points.len() {
+        if data.len() != points.len() {
             let text = format!(
-                "point data '{name}': {length} values for {} points",
+                "point data '{name}': {} vectors for {} points",
+                data.len(),
                 points.len()
             );
             return Err(invalid(text));
         }
-        write_array(out, name, "Float64", components, doubles(values))?;
+        write_array(out, name, "Float64", 3, doubles(data.as_flattened()))?;
     }
     writeln!(
         out,
@@ -160,7 +150,7 @@ mod tests {
 
     const POINTS: [[f64; 3]; 4] = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.1]];
 
-    fn vtu(cells: Cells, data: &[(&str, PointData)]) -> io::Result<String> {
+    fn vtu(cells: Cells, data: &[(&str, &[[f64; 3]])]) -> io::Result<String> {
         let mut out = Vec::new();
         write_vtu(&mut out, &POINTS, cells, data)?;
         Ok(String::from_utf8_lossy(&out).into_owned())
@@ -170,10 +160,7 @@ mod tests {
     fn counts_types_and_names_are_written() {
         let tetrahedra = [[0, 1, 2, 3]];
         let triangles = [[0, 1, 2], [0, 1, 3]];
-        let data = [
-            ("a<b", PointData::Scalars(&[0.0; 4])),
-            ("u", PointData::Vectors(&POINTS)),
-        ];
+        let data = [("a<b", &POINTS[..]), ("u", &POINTS[..])];
         for (cells, count, types) in [
             (Cells::Tetrahedra(&tetrahedra), 1, vec![10]),
             (Cells::Triangles(&triangles), 2, vec![5, 5]),
@@ -198,7 +185,7 @@ mod tests {
         let kind = |result: io::Result<String>| result.map_err(|error| error.kind());
         let refused = Err(io::ErrorKind::InvalidInput);
         assert_eq!(kind(vtu(Cells::Triangles(&[[0, 1, 4]]), &[])), refused);
-        let short = [("u", PointData::Scalars(&[1.0]))];
+        let short = [("u", &POINTS[..1])];
         assert_eq!(kind(vtu(Cells::Vertices, &short)), refused);
     }
 

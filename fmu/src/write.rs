@@ -17,7 +17,9 @@ pub fn whole(
         .tempfile_in(folder)
         .map_err(file(folder))?;
     let mut out = BufWriter::new(aside.as_file().try_clone().map_err(file(path))?);
-    fill(&mut out).and_then(|()| out.flush()).map_err(file(path))?;
+    fill(&mut out)
+        .and_then(|()| out.flush())
+        .map_err(file(path))?;
     drop(out);
     // A temporary file is private; what it becomes shall be as readable as its folder.
     #[cfg(unix)]
@@ -26,7 +28,9 @@ pub fn whole(
         let mode = std::fs::Permissions::from_mode(0o644);
         aside.as_file().set_permissions(mode).map_err(file(path))?;
     }
-    aside.persist(path).map_err(|e| Error::File(path.to_path_buf(), e.error))?;
+    aside
+        .persist(path)
+        .map_err(|e| Error::File(path.to_path_buf(), e.error))?;
     Ok(())
 }
 

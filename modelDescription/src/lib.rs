@@ -6,4 +6,4 @@ mod xml;
 pub use table::{
     Causality, Group, Initial, Row, TABLE, Value, Variability, count, exists, reference, resolve,
 };
-pub use xml::{MODEL_DESCRIPTION, guid, write};
+pub use xml::{LOG_CATEGORIES, MODEL_DESCRIPTION, guid, write};

@@ -63,9 +63,20 @@ pub type Set<T> = fn(&mut Simulation, usize, usize, T) -> Result<(), String>;
 
 #[derive(Clone, Copy)]
 pub enum Value {
-    Real { unit: &'static str, get: Get<f64>, set: Option<Set<f64>>, min: Option<f64>, max: Option<f64> },
-    Integer { get: Get<i32> },
-    Boolean { get: Get<bool>, set: Option<Set<bool>> },
+    Real {
+        unit: &'static str,
+        get: Get<f64>,
+        set: Option<Set<f64>>,
+        min: Option<f64>,
+        max: Option<f64>,
+    },
+    Integer {
+        get: Get<i32>,
+    },
+    Boolean {
+        get: Get<bool>,
+        set: Option<Set<bool>>,
+    },
 }
 
 #[derive(Clone, Copy)]
@@ -90,31 +101,125 @@ const WXYZ: &[&str] = &[".w", ".x", ".y", ".z"];
 const ROW3: &[&str] = &[",1]", ",2]", ",3]"];
 
 const fn real(unit: &'static str, get: Get<f64>) -> Value {
-    Value::Real { unit, get, set: None, min: None, max: None }
+    Value::Real {
+        unit,
+        get,
+        set: None,
+        min: None,
+        max: None,
+    }
 }
 
 const fn settable(unit: &'static str, get: Get<f64>, set: Set<f64>) -> Value {
-    Value::Real { unit, get, set: Some(set), min: None, max: None }
+    Value::Real {
+        unit,
+        get,
+        set: Some(set),
+        min: None,
+        max: None,
+    }
 }
 
-const fn ranged(unit: &'static str, get: Get<f64>, set: Set<f64>, min: f64, max: Option<f64>) -> Value {
-    Value::Real { unit, get, set: Some(set), min: Some(min), max }
+const fn ranged(
+    unit: &'static str,
+    get: Get<f64>,
+    set: Set<f64>,
+    min: f64,
+    max: Option<f64>,
+) -> Value {
+    Value::Real {
+        unit,
+        get,
+        set: Some(set),
+        min: Some(min),
+        max,
+    }
 }
 
-const fn output(group: Group, offset: u32, name: &'static str, components: &'static [&'static str], value: Value, variability: Variability, description: &'static str) -> Row {
-    Row { group, name, components, offset, value, causality: Causality::Output, variability, initial: Initial::Calculated, description }
+const fn output(
+    group: Group,
+    offset: u32,
+    name: &'static str,
+    components: &'static [&'static str],
+    value: Value,
+    variability: Variability,
+    description: &'static str,
+) -> Row {
+    Row {
+        group,
+        name,
+        components,
+        offset,
+        value,
+        causality: Causality::Output,
+        variability,
+        initial: Initial::Calculated,
+        description,
+    }
 }
 
-const fn input(offset: u32, name: &'static str, components: &'static [&'static str], value: Value, variability: Variability, description: &'static str) -> Row {
-    Row { group: Group::Tool, name, components, offset, value, causality: Causality::Input, variability, initial: Initial::None, description }
+const fn input(
+    offset: u32,
+    name: &'static str,
+    components: &'static [&'static str],
+    value: Value,
+    variability: Variability,
+    description: &'static str,
+) -> Row {
+    Row {
+        group: Group::Tool,
+        name,
+        components,
+        offset,
+        value,
+        causality: Causality::Input,
+        variability,
+        initial: Initial::None,
+        description,
+    }
 }
 
-const fn parameter(group: Group, offset: u32, name: &'static str, components: &'static [&'static str], value: Value, variability: Variability, description: &'static str) -> Row {
-    Row { group, name, components, offset, value, causality: Causality::Parameter, variability, initial: Initial::Exact, description }
+const fn parameter(
+    group: Group,
+    offset: u32,
+    name: &'static str,
+    components: &'static [&'static str],
+    value: Value,
+    variability: Variability,
+    description: &'static str,
+) -> Row {
+    Row {
+        group,
+        name,
+        components,
+        offset,
+        value,
+        causality: Causality::Parameter,
+        variability,
+        initial: Initial::Exact,
+        description,
+    }
 }
 
-const fn local(group: Group, name: &'static str, components: &'static [&'static str], value: Value, variability: Variability, description: &'static str) -> Row {
-    Row { group, name, components, offset: 0, value, causality: Causality::Local, variability, initial: Initial::Calculated, description }
+const fn local(
+    group: Group,
+    name: &'static str,
+    components: &'static [&'static str],
+    value: Value,
+    variability: Variability,
+    description: &'static str,
+) -> Row {
+    Row {
+        group,
+        name,
+        components,
+        offset: 0,
+        value,
+        causality: Causality::Local,
+        variability,
+        initial: Initial::Calculated,
+        description,
+    }
 }
 
 use Group::{Material as PerMaterial, Single, Tool, Triangle, Vertex, VertexNode};
@@ -122,75 +227,380 @@ use Variability::{Continuous, Discrete, Fixed, Tunable};
 
 /// Every variable there is, in the order of the XML.
 pub const TABLE: &[Row] = &[
-    input(0, "tool[#].position", XYZ,
-        settable("m", |s, k, c| s.tool(k).input.value[c], |s, k, c, v| { s.set_pose_input(k, c, v); Ok(()) }),
-        Continuous, "position of the tool's tip in the world"),
-    input(3, "tool[#].orientation", WXYZ,
-        settable("1", |s, k, c| s.tool(k).input.value[3 + c], |s, k, c, v| { s.set_pose_input(k, 3 + c, v); Ok(()) }),
-        Continuous, "orientation of the tool, a quaternion; normalised when used"),
-    input(7, "tool[#].active", ONE,
-        Value::Boolean { get: |s, k, _| s.tool(k).input_active, set: Some(|s, k, _, v| { s.set_active(k, v); Ok(()) }) },
-        Discrete, "grasper closed, cautery current on"),
-    output(Tool, 10, "tool[#].force", XYZ, real("N", |s, k, c| s.tool(k).force[c]), Continuous,
-        "force of the tissue on the tool at the end of the step, without the inertia of the contact nodes"),
-    output(Tool, 13, "tool[#].torque", XYZ, real("N.m", |s, k, c| s.tool(k).torque[c]), Continuous,
-        "moment of that force about the tool's position"),
-    output(Tool, 16, "tool[#].meanForce", XYZ, real("N", |s, k, c| s.tool(k).mean_force[c]), Continuous,
-        "impulse of the tissue on the tool over the step, divided by its length"),
-    output(Tool, 19, "tool[#].inContact", ONE, Value::Boolean { get: |s, k, _| s.tool(k).in_contact, set: None },
-        Discrete, "the tool holds tissue"),
-    output(Single, 0, "topology.revision", ONE, Value::Integer { get: |s, _, _| whole(s.state().live.revision) },
-        Discrete, "grows with every change of the mesh"),
-    output(Single, 1, "topology.removedTetrahedra", ONE, Value::Integer { get: |s, _, _| whole(s.state().live.removed.len() as u64) },
-        Discrete, "tetrahedra removed since the start"),
-    output(Single, 2, "topology.pieces", ONE, Value::Integer { get: |s, _, _| whole(s.pieces() as u64) },
-        Discrete, "connected pieces of tissue"),
-    output(Single, 3, "topology.removedVolume", ONE, real("m3", |s, _, _| s.state().live.removed_volume),
-        Discrete, "rest volume removed since the start"),
-    output(Single, 10, "energy.elastic", ONE, real("J", |s, _, _| s.energy().elastic), Continuous, "elastic energy"),
-    output(Single, 11, "energy.kinetic", ONE, real("J", |s, _, _| s.energy().kinetic), Continuous, "kinetic energy, of half-step velocities"),
-    output(Single, 12, "energy.gravity", ONE, real("J", |s, _, _| s.energy().gravity), Continuous, "potential of gravity, zero at rest"),
-    output(Single, 13, "energy.load", ONE, real("J", |s, _, _| s.energy().load), Continuous, "potential of the nodal loads, zero at rest"),
-    output(Single, 14, "energy.toolWork", ONE, real("J", |s, _, _| s.energy().tool_work), Continuous, "work of the tools on the tissue since the start"),
-    output(Single, 15, "energy.supportWork", ONE, real("J", |s, _, _| s.energy().support_work), Continuous,
-        "work of prescribed nodes, load ramps and changes of gravity since the start"),
-    output(Single, 16, "energy.dissipated", ONE, real("J", |s, _, _| s.energy().dissipated), Continuous,
-        "lost to damping, cuts and attaches since the start"),
-    output(Single, 20, "diagnostics.substeps", ONE, Value::Integer { get: |s, _, _| whole(s.state().clock.total) },
-        Discrete, "substeps taken since the start"),
-    output(Single, 21, "diagnostics.substep", ONE, real("s", |s, _, _| s.substep()), Discrete, "substep in use"),
-    output(Single, 22, "diagnostics.criticalSubstep", ONE, real("s", |s, _, _| s.critical_substep()), Discrete, "largest stable substep"),
-    output(Single, 23, "diagnostics.minimumVolumeRatio", ONE, real("1", |s, _, _| s.minimum_volume_ratio()), Continuous,
-        "smallest det F over live tetrahedra; negative: inverted"),
-    output(Single, 24, "diagnostics.nonlinearFraction", ONE, real("1", |_, _, _| 0.0), Continuous,
-        "share of tetrahedra on the non-linear path"),
-    parameter(Single, 30, "gravity", XYZ,
-        settable("m/s2", |s, _, c| s.parameters().gravity[c], |s, _, c, v| { s.set_gravity(c, v); Ok(()) }), Tunable, "acceleration of gravity"),
-    parameter(Single, 33, "integration.damping", ONE,
-        ranged("1/s", |s, _, _| s.parameters().damping, |s, _, _, v| { s.set_damping(v); Ok(()) }, 0.0, None),
-        Tunable, "mass-proportional damping; the substep follows its critical value"),
-    parameter(Single, 34, "integration.hapticRate", ONE,
-        ranged("Hz", |s, _, _| s.pending_scene().integration.haptic_rate,
-            |s, _, _, v| { s.change_scene(|scene| scene.integration.haptic_rate = v); Ok(()) }, 1.0, Some(1e5)),
-        Fixed, "rate of contact and cutting"),
-    parameter(PerMaterial, 0, "material[#].youngModulus", ONE,
-        ranged("Pa", |s, k, _| s.material(k, Material::YoungModulus), |s, k, _, v| set_material(s, k, Material::YoungModulus, v), 0.0, None),
-        Fixed, "Young's modulus, above 0"),
-    parameter(PerMaterial, 1, "material[#].poissonRatio", ONE,
-        ranged("1", |s, k, _| s.material(k, Material::PoissonRatio), |s, k, _, v| set_material(s, k, Material::PoissonRatio, v), -1.0, Some(0.5)),
-        Fixed, "Poisson's ratio, between -1 and 0.5"),
-    parameter(PerMaterial, 2, "material[#].density", ONE,
-        ranged("kg/m3", |s, k, _| s.material(k, Material::Density), |s, k, _, v| set_material(s, k, Material::Density, v), 0.0, None),
-        Fixed, "density, above 0"),
-    output(Single, 40, "surface.triangleCount", ONE, Value::Integer { get: |s, _, _| whole(s.surface_triangle_count() as u64) },
-        Discrete, "exposed triangles"),
-    Row { group: Vertex, name: "surface.vertex[#]", components: XYZ, offset: 0,
-        value: real("m", |s, j, c| s.surface_vertex(j)[c]), causality: Causality::AsScene, variability: Continuous,
-        initial: Initial::Calculated, description: "current position" },
-    local(VertexNode, "surface.node[#]", ONE, Value::Integer { get: |s, j, _| scene_node(s, j) }, Fixed,
-        "node of the scene's mesh, from 0"),
-    local(Triangle, "surface.triangle[#", ROW3, Value::Integer { get: |s, j, c| s.surface_triangle(j)[c] }, Discrete,
-        "corner of an exposed triangle, outward, an index into surface.vertex from 0; -1: no such triangle now"),
+    input(
+        0,
+        "tool[#].position",
+        XYZ,
+        settable(
+            "m",
+            |s, k, c| s.tool(k).input.value[c],
+            |s, k, c, v| {
+                s.set_pose_input(k, c, v);
+                Ok(())
+            },
+        ),
+        Continuous,
+        "position of the tool's tip in the world",
+    ),
+    input(
+        3,
+        "tool[#].orientation",
+        WXYZ,
+        settable(
+            "1",
+            |s, k, c| s.tool(k).input.value[3 + c],
+            |s, k, c, v| {
+                s.set_pose_input(k, 3 + c, v);
+                Ok(())
+            },
+        ),
+        Continuous,
+        "orientation of the tool, a quaternion; normalised when used",
+    ),
+    input(
+        7,
+        "tool[#].active",
+        ONE,
+        Value::Boolean {
+            get: |s, k, _| s.tool(k).input_active,
+            set: Some(|s, k, _, v| {
+                s.set_active(k, v);
+                Ok(())
+            }),
+        },
+        Discrete,
+        "grasper closed, cautery current on",
+    ),
+    output(
+        Tool,
+        10,
+        "tool[#].force",
+        XYZ,
+        real("N", |s, k, c| s.tool(k).force[c]),
+        Continuous,
+        "force of the tissue on the tool at the end of the step, without the inertia of the contact nodes",
+    ),
+    output(
+        Tool,
+        13,
+        "tool[#].torque",
+        XYZ,
+        real("N.m", |s, k, c| s.tool(k).torque[c]),
+        Continuous,
+        "moment of that force about the tool's position",
+    ),
+    output(
+        Tool,
+        16,
+        "tool[#].meanForce",
+        XYZ,
+        real("N", |s, k, c| s.tool(k).mean_force[c]),
+        Continuous,
+        "impulse of the tissue on the tool over the step, divided by its length",
+    ),
+    output(
+        Tool,
+        19,
+        "tool[#].inContact",
+        ONE,
+        Value::Boolean {
+            get: |s, k, _| s.tool(k).in_contact,
+            set: None,
+        },
+        Discrete,
+        "the tool holds tissue",
+    ),
+    output(
+        Single,
+        0,
+        "topology.revision",
+        ONE,
+        Value::Integer {
+            get: |s, _, _| whole(s.state().live.revision),
+        },
+        Discrete,
+        "grows with every change of the mesh",
+    ),
+    output(
+        Single,
+        1,
+        "topology.removedTetrahedra",
+        ONE,
+        Value::Integer {
+            get: |s, _, _| whole(s.state().live.removed.len() as u64),
+        },
+        Discrete,
+        "tetrahedra removed since the start",
+    ),
+    output(
+        Single,
+        2,
+        "topology.pieces",
+        ONE,
+        Value::Integer {
+            get: |s, _, _| whole(s.pieces() as u64),
+        },
+        Discrete,
+        "connected pieces of tissue",
+    ),
+    output(
+        Single,
+        3,
+        "topology.removedVolume",
+        ONE,
+        real("m3", |s, _, _| s.state().live.removed_volume),
+        Discrete,
+        "rest volume removed since the start",
+    ),
+    output(
+        Single,
+        10,
+        "energy.elastic",
+        ONE,
+        real("J", |s, _, _| s.energy().elastic),
+        Continuous,
+        "elastic energy",
+    ),
+    output(
+        Single,
+        11,
+        "energy.kinetic",
+        ONE,
+        real("J", |s, _, _| s.energy().kinetic),
+        Continuous,
+        "kinetic energy, of half-step velocities",
+    ),
+    output(
+        Single,
+        12,
+        "energy.gravity",
+        ONE,
+        real("J", |s, _, _| s.energy().gravity),
+        Continuous,
+        "potential of gravity, zero at rest",
+    ),
+    output(
+        Single,
+        13,
+        "energy.load",
+        ONE,
+        real("J", |s, _, _| s.energy().load),
+        Continuous,
+        "potential of the nodal loads, zero at rest",
+    ),
+    output(
+        Single,
+        14,
+        "energy.toolWork",
+        ONE,
+        real("J", |s, _, _| s.energy().tool_work),
+        Continuous,
+        "work of the tools on the tissue since the start",
+    ),
+    output(
+        Single,
+        15,
+        "energy.supportWork",
+        ONE,
+        real("J", |s, _, _| s.energy().support_work),
+        Continuous,
+        "work of prescribed nodes, load ramps and changes of gravity since the start",
+    ),
+    output(
+        Single,
+        16,
+        "energy.dissipated",
+        ONE,
+        real("J", |s, _, _| s.energy().dissipated),
+        Continuous,
+        "lost to damping, cuts and attaches since the start",
+    ),
+    output(
+        Single,
+        20,
+        "diagnostics.substeps",
+        ONE,
+        Value::Integer {
+            get: |s, _, _| whole(s.state().clock.total),
+        },
+        Discrete,
+        "substeps taken since the start",
+    ),
+    output(
+        Single,
+        21,
+        "diagnostics.substep",
+        ONE,
+        real("s", |s, _, _| s.substep()),
+        Discrete,
+        "substep in use",
+    ),
+    output(
+        Single,
+        22,
+        "diagnostics.criticalSubstep",
+        ONE,
+        real("s", |s, _, _| s.critical_substep()),
+        Discrete,
+        "largest stable substep",
+    ),
+    output(
+        Single,
+        23,
+        "diagnostics.minimumVolumeRatio",
+        ONE,
+        real("1", |s, _, _| s.minimum_volume_ratio()),
+        Continuous,
+        "smallest det F over live tetrahedra; negative: inverted",
+    ),
+    output(
+        Single,
+        24,
+        "diagnostics.nonlinearFraction",
+        ONE,
+        real("1", |_, _, _| 0.0),
+        Continuous,
+        "share of tetrahedra on the non-linear path",
+    ),
+    parameter(
+        Single,
+        30,
+        "gravity",
+        XYZ,
+        settable(
+            "m/s2",
+            |s, _, c| s.parameters().gravity[c],
+            |s, _, c, v| {
+                s.set_gravity(c, v);
+                Ok(())
+            },
+        ),
+        Tunable,
+        "acceleration of gravity",
+    ),
+    parameter(
+        Single,
+        33,
+        "integration.damping",
+        ONE,
+        ranged(
+            "1/s",
+            |s, _, _| s.parameters().damping,
+            |s, _, _, v| {
+                s.set_damping(v);
+                Ok(())
+            },
+            0.0,
+            None,
+        ),
+        Tunable,
+        "mass-proportional damping; the substep follows its critical value",
+    ),
+    parameter(
+        Single,
+        34,
+        "integration.hapticRate",
+        ONE,
+        ranged(
+            "Hz",
+            |s, _, _| s.pending_scene().integration.haptic_rate,
+            |s, _, _, v| {
+                s.change_scene(|scene| scene.integration.haptic_rate = v);
+                Ok(())
+            },
+            1.0,
+            Some(1e5),
+        ),
+        Fixed,
+        "rate of contact and cutting",
+    ),
+    parameter(
+        PerMaterial,
+        0,
+        "material[#].youngModulus",
+        ONE,
+        ranged(
+            "Pa",
+            |s, k, _| s.material(k, Material::YoungModulus),
+            |s, k, _, v| set_material(s, k, Material::YoungModulus, v),
+            0.0,
+            None,
+        ),
+        Fixed,
+        "Young's modulus, above 0",
+    ),
+    parameter(
+        PerMaterial,
+        1,
+        "material[#].poissonRatio",
+        ONE,
+        ranged(
+            "1",
+            |s, k, _| s.material(k, Material::PoissonRatio),
+            |s, k, _, v| set_material(s, k, Material::PoissonRatio, v),
+            -1.0,
+            Some(0.5),
+        ),
+        Fixed,
+        "Poisson's ratio, between -1 and 0.5",
+    ),
+    parameter(
+        PerMaterial,
+        2,
+        "material[#].density",
+        ONE,
+        ranged(
+            "kg/m3",
+            |s, k, _| s.material(k, Material::Density),
+            |s, k, _, v| set_material(s, k, Material::Density, v),
+            0.0,
+            None,
+        ),
+        Fixed,
+        "density, above 0",
+    ),
+    output(
+        Single,
+        40,
+        "surface.triangleCount",
+        ONE,
+        Value::Integer {
+            get: |s, _, _| whole(s.surface_triangle_count() as u64),
+        },
+        Discrete,
+        "exposed triangles",
+    ),
+    Row {
+        group: Vertex,
+        name: "surface.vertex[#]",
+        components: XYZ,
+        offset: 0,
+        value: real("m", |s, j, c| s.surface_vertex(j)[c]),
+        causality: Causality::AsScene,
+        variability: Continuous,
+        initial: Initial::Calculated,
+        description: "current position",
+    },
+    local(
+        VertexNode,
+        "surface.node[#]",
+        ONE,
+        Value::Integer {
+            get: |s, j, _| scene_node(s, j),
+        },
+        Fixed,
+        "node of the scene's mesh, from 0",
+    ),
+    local(
+        Triangle,
+        "surface.triangle[#",
+        ROW3,
+        Value::Integer {
+            get: |s, j, c| s.surface_triangle(j)[c],
+        },
+        Discrete,
+        "corner of an exposed triangle, outward, an index into surface.vertex from 0; -1: no such triangle now",
+    ),
 ];
 
 fn whole(value: u64) -> i32 {
@@ -234,7 +644,11 @@ pub fn count(group: Group, model: &Model) -> usize {
 /// Whether a model has a row's variables at all.
 pub fn exists(row: &Row, model: &Model) -> bool {
     let vertices = model.scene.outputs.vertices != OutputVertices::None;
-    count(row.group, model) > 0 && (row.group == Group::Single || row.group == Group::Tool || row.group == Group::Material || vertices)
+    count(row.group, model) > 0
+        && (row.group == Group::Single
+            || row.group == Group::Tool
+            || row.group == Group::Material
+            || vertices)
 }
 
 /// Causality as the XML says it.

@@ -29,10 +29,16 @@ const UNITS: &[(&str, [i32; 3])] = &[
 ];
 
 /// What hosts can switch on and off.
-const LOG_CATEGORIES: &[(&str, &str)] = &[
-    ("logEvents", "steps, cuts, retries, pre-computation"),
-    ("logStatusWarning", "something unexpected that was put right"),
-    ("logStatusDiscard", "a value or step that was refused; the state is as before"),
+pub const LOG_CATEGORIES: &[(&str, &str)] = &[
+    ("logEvents", "cuts and pre-computation"),
+    (
+        "logStatusWarning",
+        "something unexpected that was put right",
+    ),
+    (
+        "logStatusDiscard",
+        "a value or step that was refused; the state is as before",
+    ),
     ("logStatusError", "a call that was wrong"),
     ("logStatusFatal", "the instance is lost"),
 ];
@@ -85,7 +91,10 @@ pub fn write(simulation: &mut Simulation) -> String {
     }
     xml.push_str("  </UnitDefinitions>\n  <LogCategories>\n");
     for (category, meaning) in LOG_CATEGORIES {
-        let _ = writeln!(xml, "    <Category name=\"{category}\" description=\"{meaning}\"/>");
+        let _ = writeln!(
+            xml,
+            "    <Category name=\"{category}\" description=\"{meaning}\"/>"
+        );
     }
     let _ = writeln!(
         xml,
@@ -157,7 +166,13 @@ fn variable(
     );
     let starts = row.initial != Initial::Calculated;
     let _ = match row.value {
-        Value::Real { unit, get, min, max, .. } => {
+        Value::Real {
+            unit,
+            get,
+            min,
+            max,
+            ..
+        } => {
             let bound = |name: &str, value: Option<f64>| {
                 value.map_or(String::new(), |v| format!(" {name}=\"{v}\""))
             };
@@ -172,7 +187,11 @@ fn variable(
         }
         Value::Integer { .. } => write!(xml, "<Integer/>"),
         Value::Boolean { get, .. } if starts => {
-            write!(xml, "<Boolean start=\"{}\"/>", get(simulation, item, component))
+            write!(
+                xml,
+                "<Boolean start=\"{}\"/>",
+                get(simulation, item, component)
+            )
         }
         Value::Boolean { .. } => write!(xml, "<Boolean/>"),
     };

@@ -37,7 +37,10 @@ impl Capsule {
     /// Lowest and highest corner of its box, grown by `margin` \[m\].
     pub fn bounds(&self, margin: f64) -> (Vec3, Vec3) {
         let grow = Vec3::repeat(self.radius + margin);
-        (self.tip.inf(&self.end) - grow, self.tip.sup(&self.end) + grow)
+        (
+            self.tip.inf(&self.end) - grow,
+            self.tip.sup(&self.end) + grow,
+        )
     }
 
     /// Whether it touches a triangle.
@@ -55,7 +58,9 @@ impl Capsule {
 
     /// Whether it touches a tetrahedron, inside or out.
     pub fn touches_tetrahedron(&self, p: &[Vec3; 4]) -> bool {
-        let side = |a: usize, b: usize, c: usize| (p[b] - p[a]).cross(&(p[c] - p[a])).dot(&(self.tip - p[a]));
+        let side = |a: usize, b: usize, c: usize| {
+            (p[b] - p[a]).cross(&(p[c] - p[a])).dot(&(self.tip - p[a]))
+        };
         let sides = [side(1, 2, 3), side(0, 3, 2), side(0, 1, 3), side(0, 2, 1)];
         let inside = sides.iter().all(|s| *s <= 0.0) || sides.iter().all(|s| *s >= 0.0);
         inside
@@ -80,11 +85,18 @@ pub fn boxes_meet(points: &[Vec3], low: &Vec3, high: &Vec3) -> bool {
 mod tests {
     use super::*;
 
-    const FLOOR: [Vec3; 3] =
-        [Vec3::new(0.0, 0.0, 0.0), Vec3::new(1.0, 0.0, 0.0), Vec3::new(0.0, 1.0, 0.0)];
+    const FLOOR: [Vec3; 3] = [
+        Vec3::new(0.0, 0.0, 0.0),
+        Vec3::new(1.0, 0.0, 0.0),
+        Vec3::new(0.0, 1.0, 0.0),
+    ];
 
     fn capsule(tip: [f64; 3], end: [f64; 3], radius: f64) -> Capsule {
-        Capsule { tip: tip.into(), end: end.into(), radius }
+        Capsule {
+            tip: tip.into(),
+            end: end.into(),
+            radius,
+        }
     }
 
     #[test]

@@ -66,7 +66,10 @@ const REATTACH_DEPTH: f64 = 0.05;
 /// Force of the tissue on whatever holds a node \[N\]: elastic, damping, external; no inertia.
 pub fn reaction(model: &Model, state: &State, held: &Held) -> Vec3 {
     let i = held.node as usize;
-    let internal = state.live.tensors.row_product(&model.pattern, i, &state.displacement);
+    let internal = state
+        .live
+        .tensors
+        .row_product(&model.pattern, i, &state.displacement);
     let damping = state.velocity[i].xyz() * (state.parameters.damping * state.live.mass[i]);
     let force = state.external[i].xyz() - internal - damping;
     Vec3::from_fn(|axis, _| if held.axes[axis] { force[axis] } else { 0.0 })
@@ -83,7 +86,9 @@ pub fn update(model: &Model, state: &mut State, k: usize, touched: &mut Vec<(u32
             touch(model, state, k, tool.active_length, touched);
             attach(model, state, k, touched);
         }
-        ToolKind::Grasper if !active && was_active => release(model, state, |h| h.tool == Some(k as u32)),
+        ToolKind::Grasper if !active && was_active => {
+            release(model, state, |h| h.tool == Some(k as u32))
+        }
         ToolKind::Grasper => {}
         ToolKind::Cautery if active => release(model, state, |h| h.tool == Some(k as u32)),
         ToolKind::Probe | ToolKind::Cautery => {
@@ -120,7 +125,10 @@ fn touch(
 fn let_go(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])]) {
     let tool = k as u32;
     state.released.retain(|r| {
-        r.tool != tool || touched.iter().any(|(_, vertices)| vertices.contains(&r.node))
+        r.tool != tool
+            || touched
+                .iter()
+                .any(|(_, vertices)| vertices.contains(&r.node))
     });
     for at in 0..state.held.len() {
         let held = state.held[at];
@@ -129,9 +137,16 @@ fn let_go(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])
         }
         let normal = state.tools[k].pose.orientation * held.normal;
         if reaction(model, state, &held).dot(&normal) < 0.0 {
-            state.released.retain(|r| r.tool != tool || r.node != held.node);
+            state
+                .released
+                .retain(|r| r.tool != tool || r.node != held.node);
             let (local, normal) = (held.local, held.normal);
-            state.released.push(Released { node: held.node, tool, local, normal });
+            state.released.push(Released {
+                node: held.node,
+                tool,
+                local,
+                normal,
+            });
             state.held[at].pulls = true;
         }
     }
@@ -145,10 +160,16 @@ fn attach(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])
     for (_, vertices) in touched {
         let corners = vertices.map(|v| state.position(model, v));
         let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
-        let Some(normal) = normal.try_normalize(0.0) else { continue };
+        let Some(normal) = normal.try_normalize(0.0) else {
+            continue;
+        };
         for node in vertices {
             let i = *node as usize;
-            if state.held.iter().any(|h| h.node == *node && h.tool.is_some()) {
+            if state
+                .held
+                .iter()
+                .any(|h| h.node == *node && h.tool.is_some())
+            {
                 continue;
             }
             let axes = state.inverse_mass[i].0.map(|w| w > 0.0);
@@ -159,7 +180,10 @@ fn attach(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])
             let pose = state.tools[k].pose;
             let local = pose.local(&state.position(model, *node));
             let came = |r: &Released| (local - r.local).dot(&r.normal);
-            let let_go = state.released.iter().find(|r| r.tool == tool && r.node == *node);
+            let let_go = state
+                .released
+                .iter()
+                .find(|r| r.tool == tool && r.node == *node);
             if let_go.is_some_and(|r| came(r) < REATTACH_DEPTH * capsule.radius) {
                 continue;
             }

@@ -23,7 +23,10 @@ impl Shape {
         let a1 = edges.column(1).cross(&edges.column(2)) / six_volume;
         let a2 = edges.column(2).cross(&edges.column(0)) / six_volume;
         let a3 = edges.column(0).cross(&edges.column(1)) / six_volume;
-        Shape { volume: six_volume / 6.0, gradient: [-(a1 + a2 + a3), a1, a2, a3] }
+        Shape {
+            volume: six_volume / 6.0,
+            gradient: [-(a1 + a2 + a3), a1, a2, a3],
+        }
     }
 
     /// F = I + sum_j u_j a_j^T.
@@ -126,7 +129,8 @@ mod tests {
         let mut k = nalgebra::SMatrix::<f64, 12, 12>::zeros();
         for i in 0..4 {
             for j in 0..4 {
-                let block = lame.stiffness_block(shape.volume, &shape.gradient[i], &shape.gradient[j]);
+                let block =
+                    lame.stiffness_block(shape.volume, &shape.gradient[i], &shape.gradient[j]);
                 k.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from(&block);
             }
         }

@@ -52,7 +52,10 @@ mod tests {
     #[test]
     fn blocks_transpose_into_each_other() {
         let (a, b) = (Vec3::new(1.0, 2.0, -3.0), Vec3::new(0.5, -4.0, 2.0));
-        let lame = Lame { lambda: 3.0, mu: 2.0 };
+        let lame = Lame {
+            lambda: 3.0,
+            mu: 2.0,
+        };
         let forth = lame.stiffness_block(0.7, &a, &b);
         let back = lame.stiffness_block(0.7, &b, &a).transpose();
         assert!((forth - back).norm() < 1e-15 * forth.norm());

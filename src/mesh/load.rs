@@ -17,13 +17,20 @@ pub enum LoadError {
 /// Makes or reads the mesh; files are relative to `base`, the scene file's folder. Not yet repaired.
 pub fn load(source: &MeshSource, base: &Path) -> Result<TetMesh, LoadError> {
     Ok(match source {
-        MeshSource::Box { size, cells, origin, pattern } => match pattern {
+        MeshSource::Box {
+            size,
+            cells,
+            origin,
+            pattern,
+        } => match pattern {
             BoxPattern::Five => box_mesh::five(*size, *cells, *origin),
             BoxPattern::Kuhn => box_mesh::kuhn(*size, *cells, *origin),
         },
-        MeshSource::Cylinder { radius, height, edge_length } => {
-            cylinder::generate(*radius, *height, *edge_length)
-        }
+        MeshSource::Cylinder {
+            radius,
+            height,
+            edge_length,
+        } => cylinder::generate(*radius, *height, *edge_length),
         MeshSource::Liver { edge_length } => liver::generate(*edge_length),
         MeshSource::File { file, scale } => {
             let bytes =

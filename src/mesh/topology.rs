@@ -57,7 +57,10 @@ impl Topology {
                 let other = partner[t][j];
                 let id = faces.len() as u32;
                 let vertices = corner.map(|c| nodes[c]);
-                faces.push(Face { vertices, tetrahedra: [t as u32, other] });
+                faces.push(Face {
+                    vertices,
+                    tetrahedra: [t as u32, other],
+                });
                 tetrahedron_faces[t][j] = id;
                 if other != NONE {
                     let opposite = mesh.tetrahedra[other as usize]
@@ -83,7 +86,12 @@ impl Topology {
                 next[*node as usize] += 1;
             }
         }
-        Topology { faces, tetrahedron_faces, star_start, star }
+        Topology {
+            faces,
+            tetrahedron_faces,
+            star_start,
+            star,
+        }
     }
 
     /// Tetrahedra round a vertex, ascending.

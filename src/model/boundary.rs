@@ -33,7 +33,11 @@ pub struct LoadedNode {
 
 /// 0 at time 0, 1 from `length` on.
 pub fn ramp(time: f64, length: f64) -> f64 {
-    if time >= length { 1.0 } else { (time / length).max(0.0) }
+    if time >= length {
+        1.0
+    } else {
+        (time / length).max(0.0)
+    }
 }
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -81,14 +85,22 @@ impl Boundary {
                     ramp: [0.0; 3],
                 });
                 for axis in 0..3 {
-                    let Some(value) = entry.displacement[axis] else { continue };
+                    let Some(value) = entry.displacement[axis] else {
+                        continue;
+                    };
                     let name = ["x", "y", "z"][axis];
                     if boundary.fixed[node as usize][axis] || target.axes[axis] {
-                        let other = if target.axes[axis] { "prescribed twice" } else { "fixed, too" };
+                        let other = if target.axes[axis] {
+                            "prescribed twice"
+                        } else {
+                            "fixed, too"
+                        };
                         return Err(SceneError::at(
                             file,
                             path(),
-                            format!("node {node} is {other} along {name}; hold each axis of a node once"),
+                            format!(
+                                "node {node} is {other} along {name}; hold each axis of a node once"
+                            ),
                         ));
                     }
                     boundary.free[node as usize][axis] = false;
@@ -102,11 +114,13 @@ impl Boundary {
         for (k, entry) in scene.loads.iter().enumerate() {
             let nodes = select_nodes(&entry.selector, mesh)
                 .map_err(|e| SceneError::at(file, format!("loads[{k}].where"), e))?;
-            boundary.loads.extend(nodes.into_iter().map(|node| LoadedNode {
-                node,
-                force: Vec3::from(entry.force),
-                ramp: entry.ramp,
-            }));
+            boundary
+                .loads
+                .extend(nodes.into_iter().map(|node| LoadedNode {
+                    node,
+                    force: Vec3::from(entry.force),
+                    ramp: entry.ramp,
+                }));
         }
         Ok(boundary)
     }
@@ -127,8 +141,14 @@ impl Boundary {
             fixed[*new as usize] = self.fixed[old];
         }
         let at = |node: u32| new_number[node as usize];
-        let mut loads: Vec<LoadedNode> =
-            self.loads.into_iter().map(|l| LoadedNode { node: at(l.node), ..l }).collect();
+        let mut loads: Vec<LoadedNode> = self
+            .loads
+            .into_iter()
+            .map(|l| LoadedNode {
+                node: at(l.node),
+                ..l
+            })
+            .collect();
         loads.sort_by_key(|l| l.node);
         Boundary {
             free,
@@ -136,7 +156,10 @@ impl Boundary {
             prescribed: self
                 .prescribed
                 .into_iter()
-                .map(|p| PrescribedNode { node: at(p.node), ..p })
+                .map(|p| PrescribedNode {
+                    node: at(p.node),
+                    ..p
+                })
                 .collect(),
             loads,
         }

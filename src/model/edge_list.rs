@@ -11,7 +11,10 @@ pub struct EdgeList {
 
 impl EdgeList {
     pub fn new(pattern: &Pattern, tensors: &Tensors) -> EdgeList {
-        let mut list = EdgeList { vertex: vec![[0.0; 9]; pattern.nodes()], edge: Vec::new() };
+        let mut list = EdgeList {
+            vertex: vec![[0.0; 9]; pattern.nodes()],
+            edge: Vec::new(),
+        };
         for (i, j, block) in tensors.entries(pattern) {
             let block: [f64; 9] = std::array::from_fn(|k| block[(k / 3, k % 3)]);
             if i == j {

@@ -125,8 +125,15 @@ impl Model {
             node[*old as usize] = new as u32;
         }
         mesh = TetMesh {
-            nodes: scene_node.iter().map(|old| mesh.nodes[*old as usize]).collect(),
-            tetrahedra: mesh.tetrahedra.iter().map(|t| t.map(|v| node[v as usize])).collect(),
+            nodes: scene_node
+                .iter()
+                .map(|old| mesh.nodes[*old as usize])
+                .collect(),
+            tetrahedra: mesh
+                .tetrahedra
+                .iter()
+                .map(|t| t.map(|v| node[v as usize]))
+                .collect(),
         };
         let boundary = boundary.renumbered(&node);
         let topology = Topology::new(&mesh);
@@ -139,7 +146,9 @@ impl Model {
         let longest_edge = mesh
             .tetrahedra
             .iter()
-            .flat_map(|t| [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)].map(|(a, b)| (t[a], t[b])))
+            .flat_map(|t| {
+                [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)].map(|(a, b)| (t[a], t[b]))
+            })
             .map(|(a, b)| (mesh.nodes[a as usize] - mesh.nodes[b as usize]).norm_squared())
             .fold(0.0, f64::max)
             .sqrt();
@@ -156,7 +165,11 @@ impl Model {
             materials,
             boundary,
             whole: LiveMesh::default(),
-            spectrum: Spectrum { lowest: 0.0, highest: 0.0, element_bound: 0.0 },
+            spectrum: Spectrum {
+                lowest: 0.0,
+                highest: 0.0,
+                element_bound: 0.0,
+            },
             rigid_modes: 0,
             cuts,
             surface_nodes: Vec::new(),
@@ -177,7 +190,9 @@ impl Model {
         model.rigid_modes = model.count_rigid_modes();
         model.spectrum = match known {
             Some(spectrum) => spectrum,
-            None => model.compute_spectrum().map_err(|e| ModelError::Statics(file.to_string(), e))?,
+            None => model
+                .compute_spectrum()
+                .map_err(|e| ModelError::Statics(file.to_string(), e))?,
         };
         model.start_displacement = model.displacement_at_start()?;
         Ok(model)
@@ -186,7 +201,11 @@ impl Model {
     /// The same mesh with another scene.
     pub fn with_scene(&self, scene: Scene) -> Result<Model, ModelError> {
         let mesh = TetMesh {
-            nodes: self.node.iter().map(|k| self.mesh.nodes[*k as usize]).collect(),
+            nodes: self
+                .node
+                .iter()
+                .map(|k| self.mesh.nodes[*k as usize])
+                .collect(),
             tetrahedra: (self.mesh.tetrahedra.iter())
                 .map(|t| t.map(|v| self.scene_node[v as usize]))
                 .collect(),
@@ -212,7 +231,11 @@ impl Model {
             })
             .fold(0.0, f64::max)
             .sqrt();
-        Ok(Spectrum { lowest, highest, element_bound })
+        Ok(Spectrum {
+            lowest,
+            highest,
+            element_bound,
+        })
     }
 
     /// Of tetrahedron `t`.
@@ -259,11 +282,11 @@ impl Model {
     pub fn substep(&self, damping: f64) -> f64 {
         let period = 1.0 / self.scene.integration.haptic_rate;
         let limit = STEP_MARGIN * self.critical_step(damping);
-        let wanted = self.scene.integration.substep.unwrap_or(f64::INFINITY);
-        match self.scene.integration.substep {
-            Some(substep) => period / (period / substep).round(),
-            None => period / (period / limit.min(wanted).min(period) - 1e-9).ceil().max(1.0),
-        }
+        let parts = match self.scene.integration.substep {
+            Some(substep) => (period / substep).round(),
+            None => (period / limit - 1e-9).ceil(),
+        };
+        period / parts.max(1.0)
     }
 
     fn shown_nodes(&self) -> Vec<u32> {
@@ -277,14 +300,22 @@ impl Model {
                 }
             }
             OutputVertices::Surface => {
-                for face in self.topology.faces.iter().filter(|f| f.tetrahedra[1] == NONE) {
+                for face in self
+                    .topology
+                    .faces
+                    .iter()
+                    .filter(|f| f.tetrahedra[1] == NONE)
+                {
                     for v in face.vertices {
                         shown[self.scene_node[v as usize] as usize] = true;
                     }
                 }
             }
         }
-        (0..shown.len()).filter(|k| shown[*k]).map(|k| self.node[k]).collect()
+        (0..shown.len())
+            .filter(|k| shown[*k])
+            .map(|k| self.node[k])
+            .collect()
     }
 
     /// Place of a node among the shown ones, or -1.
@@ -306,7 +337,11 @@ impl Model {
 
     /// Faces that can ever be exposed.
     pub fn exposable_faces(&self) -> usize {
-        if self.can_be_cut() { self.topology.faces.len() } else { self.whole.surface.len() }
+        if self.can_be_cut() {
+            self.topology.faces.len()
+        } else {
+            self.whole.surface.len()
+        }
     }
 
     /// Over all pieces 6, 3, 1 or 0 for no, one, collinear, three or more held nodes; an upper bound
@@ -324,7 +359,10 @@ impl Model {
                 [] => 6,
                 [_] => 3,
                 [first, rest @ ..] => {
-                    let far = rest.iter().map(|p| p - first).max_by(|a, b| a.norm().total_cmp(&b.norm()));
+                    let far = rest
+                        .iter()
+                        .map(|p| p - first)
+                        .max_by(|a, b| a.norm().total_cmp(&b.norm()));
                     let far = far.unwrap_or_else(Vec3::zeros);
                     let in_line = rest
                         .iter()
@@ -353,7 +391,12 @@ fn assign_materials(
     let mut of = vec![NONE; mesh.tetrahedra.len()];
     let mut laws = Vec::new();
     for (k, material) in scene.materials.iter().enumerate() {
-        for t in chosen(&material.selector, mesh, file, format!("materials[{k}].where"))? {
+        for t in chosen(
+            &material.selector,
+            mesh,
+            file,
+            format!("materials[{k}].where"),
+        )? {
             of[t as usize] = k as u32;
         }
         laws.push(MaterialLaw {
@@ -395,9 +438,13 @@ fn fingerprint(scene: &Scene, mesh: &TetMesh) -> u64 {
         hash.write(&text);
     }
     for p in &mesh.nodes {
-        p.iter().for_each(|x| hash.write(&x.to_bits().to_le_bytes()));
+        p.iter()
+            .for_each(|x| hash.write(&x.to_bits().to_le_bytes()));
     }
-    mesh.tetrahedra.iter().flatten().for_each(|v| hash.write(&v.to_le_bytes()));
+    mesh.tetrahedra
+        .iter()
+        .flatten()
+        .for_each(|v| hash.write(&v.to_le_bytes()));
     hash.0
 }
 

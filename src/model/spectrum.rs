@@ -20,16 +20,19 @@ pub struct Spectrum {
 
 /// Highest angular frequency by Lanczos with full reorthogonalisation; the residual is added, so that
 /// the result is an upper bound of the eigenvalue found.
-pub fn highest(
-    pattern: &Pattern,
-    tensors: &Tensors,
-    mass: &[f64],
-    free: &[[bool; 3]],
-) -> f64 {
+pub fn highest(pattern: &Pattern, tensors: &Tensors, mass: &[f64], free: &[[bool; 3]]) -> f64 {
     let n = mass.len();
     // Inverse square roots of the masses; zero where not free.
     let scale: Vec<Vec3> = (0..n)
-        .map(|i| Vec3::from_fn(|a, _| if free[i][a] && mass[i] > 0.0 { mass[i].powf(-0.5) } else { 0.0 }))
+        .map(|i| {
+            Vec3::from_fn(|a, _| {
+                if free[i][a] && mass[i] > 0.0 {
+                    mass[i].powf(-0.5)
+                } else {
+                    0.0
+                }
+            })
+        })
         .collect();
     let dofs = free.iter().flatten().filter(|f| **f).count();
     let mut basis: Vec<Vec<Vec3>> = Vec::new();
@@ -41,7 +44,11 @@ pub fn highest(
                 seed ^= seed << 13;
                 seed ^= seed >> 7;
                 seed ^= seed << 17;
-                if scale[i][a] > 0.0 { (seed >> 11) as f64 / (1u64 << 53) as f64 - 0.5 } else { 0.0 }
+                if scale[i][a] > 0.0 {
+                    (seed >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+                } else {
+                    0.0
+                }
             })
         })
         .collect();
@@ -105,7 +112,9 @@ pub fn lowest(
 ) -> Result<f64, StaticsError> {
     // A degree of freedom without mass (a node without tetrahedra) is no unknown.
     let numbering = Numbering::new(
-        free.iter().zip(mass).map(|(f, m)| if *m > 0.0 { *f } else { [false; 3] }),
+        free.iter()
+            .zip(mass)
+            .map(|(f, m)| if *m > 0.0 { *f } else { [false; 3] }),
     );
     let size = numbering.unknowns();
     if size == 0 {
@@ -114,7 +123,11 @@ pub fn lowest(
     let rigid_limit = 1e-9 * highest * highest;
     // With nothing loose the matrix itself is positive definite; else a shift far below any
     // elastic mode makes it so.
-    let shift = if rigid_modes > 0 { 1e-6 * highest * highest } else { 0.0 };
+    let shift = if rigid_modes > 0 {
+        1e-6 * highest * highest
+    } else {
+        0.0
+    };
     let factor = Factor::new(pattern, tensors, &numbering, Some((shift, mass)))?;
     let count = (rigid_modes + 6).min(size);
     let mut seed = 0x2545_f491_4f6c_dd1d_u64;
@@ -140,14 +153,26 @@ pub fn lowest(
         // Rayleigh-Ritz: X^T (K + shift M) X = X^T M x_before, X^T M X.
         let x = |c: usize| &columns[c * size..(c + 1) * size];
         let stiff = DMatrix::from_fn(count, count, |r, c| {
-            x(r).iter().zip(&before[c * size..(c + 1) * size]).map(|(a, b)| a * b).sum::<f64>()
+            x(r).iter()
+                .zip(&before[c * size..(c + 1) * size])
+                .map(|(a, b)| a * b)
+                .sum::<f64>()
         });
         let weigh = DMatrix::from_fn(count, count, |r, c| {
-            x(r).iter().zip(x(c)).zip(&masses).map(|((a, b), m)| a * b * m).sum::<f64>()
+            x(r).iter()
+                .zip(x(c))
+                .zip(&masses)
+                .map(|((a, b), m)| a * b * m)
+                .sum::<f64>()
         });
         let stiff = (&stiff + stiff.transpose()) * 0.5;
-        let Some(cholesky) = weigh.cholesky() else { break };
-        let inverse = cholesky.l().try_inverse().unwrap_or_else(|| DMatrix::identity(count, count));
+        let Some(cholesky) = weigh.cholesky() else {
+            break;
+        };
+        let inverse = cholesky
+            .l()
+            .try_inverse()
+            .unwrap_or_else(|| DMatrix::identity(count, count));
         let eigen = SymmetricEigen::new(&inverse * stiff * inverse.transpose());
         let turn = inverse.transpose() * &eigen.eigenvectors;
         let old = columns.clone();

@@ -71,7 +71,12 @@ impl Pattern {
                 next[*j as usize] += 1;
             }
         }
-        Pattern { row_start, column: edges.into_iter().map(|e| e.1).collect(), lower_start, lower }
+        Pattern {
+            row_start,
+            column: edges.into_iter().map(|e| e.1).collect(),
+            lower_start,
+            lower,
+        }
     }
 
     pub fn nodes(&self) -> usize {
@@ -89,7 +94,10 @@ impl Pattern {
     /// Place of the tensor of (i, j), i <= j.
     fn place(&self, i: u32, j: u32) -> Option<usize> {
         let row = self.row(i as usize);
-        self.column[row.clone()].binary_search(&j).ok().map(|k| row.start + k)
+        self.column[row.clone()]
+            .binary_search(&j)
+            .ok()
+            .map(|k| row.start + k)
     }
 }
 
@@ -117,7 +125,9 @@ impl Tensors {
                 if nodes[j] > nodes[k] {
                     continue;
                 }
-                let Some(place) = pattern.place(nodes[j], nodes[k]) else { continue };
+                let Some(place) = pattern.place(nodes[j], nodes[k]) else {
+                    continue;
+                };
                 let block = lame.stiffness_block(
                     sign * shape.volume,
                     &shape.gradient[j],
@@ -188,7 +198,9 @@ impl Tensors {
         pattern: &'a Pattern,
     ) -> impl Iterator<Item = (usize, usize, Matrix3<f64>)> + 'a {
         (0..pattern.nodes()).flat_map(move |i| {
-            pattern.row(i).map(move |place| (i, pattern.column[place] as usize, self.at(place)))
+            pattern
+                .row(i)
+                .map(move |place| (i, pattern.column[place] as usize, self.at(place)))
         })
     }
 

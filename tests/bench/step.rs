@@ -64,7 +64,9 @@ impl Fields {
 }
 
 fn model_clone(model: &Model) -> Model {
-    model.with_scene(model.scene.clone()).expect("the same scene")
+    model
+        .with_scene(model.scene.clone())
+        .expect("the same scene")
 }
 
 /// Runs the cases in turn, `rounds` times, `repeats` calls a timing; median and best seconds a call.
@@ -99,7 +101,11 @@ fn main() {
         let tensors = &model.whole.tensors;
         let (h, c) = (model.substep(model.damping()), model.damping());
         let list = EdgeList::new(&model.pattern, tensors);
-        let (mut a, mut b, mut d) = (Fields::new(&model), Fields::new(&model), Fields::new(&model));
+        let (mut a, mut b, mut d) = (
+            Fields::new(&model),
+            Fields::new(&model),
+            Fields::new(&model),
+        );
         let results = interleaved(
             201,
             20,
@@ -113,11 +119,20 @@ fn main() {
                 ("edge list", &mut || list.step(&mut d.motion(), h, c)),
             ],
         );
-        let size = format!("{} {} vertices {} tetrahedra", name, model.mesh.nodes.len(), model.shape.len());
+        let size = format!(
+            "{} {} vertices {} tetrahedra",
+            name,
+            model.mesh.nodes.len(),
+            model.shape.len()
+        );
         for (what, median, best) in &results {
             println!("{size}: {what},{:.2},{:.2},us", 1e6 * median, 1e6 * best);
         }
-        println!("{size}: edge list / fused,{:.2},{:.2},ratio", results[2].1 / results[0].1, results[2].2 / results[0].2);
+        println!(
+            "{size}: edge list / fused,{:.2},{:.2},ratio",
+            results[2].1 / results[0].1,
+            results[2].2 / results[0].2
+        );
     }
     do_step();
 }
@@ -145,8 +160,15 @@ fn do_step() {
         .collect();
     assert!(simulation.tool(0).in_contact);
     times.sort_by(f64::total_cmp);
-    println!("liver step of 1 ms in contact,{:.1},{:.1},us", 1e6 * times[1000], 1e6 * times[0]);
-    println!("liver step of 1 ms in contact p99.9,{:.1},,us", 1e6 * times[1998]);
+    println!(
+        "liver step of 1 ms in contact,{:.1},{:.1},us",
+        1e6 * times[1000],
+        1e6 * times[0]
+    );
+    println!(
+        "liver step of 1 ms in contact p99.9,{:.1},,us",
+        1e6 * times[1998]
+    );
 }
 
 /// Independent fused multiply-adds and a streaming sum, on one core.
@@ -170,12 +192,24 @@ fn calibration() {
             }),
         ],
     );
-    println!("machine FMA f64,{:.1},{:.1},GFLOP/s", FMAS * 2e-9 / results[0].1, FMAS * 2e-9 / results[0].2);
+    println!(
+        "machine FMA f64,{:.1},{:.1},GFLOP/s",
+        FMAS * 2e-9 / results[0].1,
+        FMAS * 2e-9 / results[0].2
+    );
     let gb = |bytes: f64, s: f64| bytes * 1e-9 / s;
     let l2 = 256.0 * 8.0 * (1 << 15) as f64;
-    println!("machine read 256 kB,{:.1},{:.1},GB/s", gb(l2, results[1].1), gb(l2, results[1].2));
+    println!(
+        "machine read 256 kB,{:.1},{:.1},GB/s",
+        gb(l2, results[1].1),
+        gb(l2, results[1].2)
+    );
     let dram = 8.0 * (1 << 25) as f64;
-    println!("machine read 256 MB,{:.1},{:.1},GB/s", gb(dram, results[2].1), gb(dram, results[2].2));
+    println!(
+        "machine read 256 MB,{:.1},{:.1},GB/s",
+        gb(dram, results[2].1),
+        gb(dram, results[2].2)
+    );
 }
 
 const FMAS: f64 = 4.0 * 12.0 * 200_000.0;

@@ -10,8 +10,8 @@ use crate::error::Error;
 use crate::motion::Motion;
 use crate::pack::pack;
 use crate::picture::{
-    Axis, Chart, Event, Figure, PALETTE, Panel, Scale, Series as Line, Style, Surface, Tint, ToolLook,
-    ToolPose, View,
+    Axis, Chart, Event, Figure, PALETTE, Panel, Scale, Series as Line, Style, Surface, Tint,
+    ToolLook, ToolPose, View,
 };
 use crate::recorder::{Frame, Series, SurfaceReader, Table};
 use crate::write;
@@ -42,7 +42,10 @@ pub fn run(output: &Path) -> Result<(), Error> {
         look(&scene.tools[0], ToolLook::Grasper),
         look(&scene.tools[1], ToolLook::Cautery),
     ];
-    let model = Arc::new(tissue::prepared::prepare(scene, Path::new("hepatectomy.json"))?);
+    let model = Arc::new(tissue::prepared::prepare(
+        scene,
+        Path::new("hepatectomy.json"),
+    )?);
     let fmu = output.join("hepatectomy.fmu");
     pack(&model, &fmu)?;
     progress.finish_and_clear();
@@ -84,19 +87,27 @@ pub fn run(output: &Path) -> Result<(), Error> {
     let picture = draw(&looks, &first, &panels, &table, model.shape.len())
         .map_err(|e| Error::Simulation(e.to_string()))?;
     let path = output.join("hepatectomy.svg");
-    write::whole(&path, |out| std::io::Write::write_all(out, picture.as_bytes()))?;
+    write::whole(&path, |out| {
+        std::io::Write::write_all(out, picture.as_bytes())
+    })?;
     progress.finish_and_clear();
     say(&summary(output, &table, steps, seconds))
 }
 
 fn look(tool: &tissue::scene::Tool, look: ToolLook) -> Look {
     let radius = match tool.shape {
-        tissue::scene::Shape::Capsule { radius, .. } | tissue::scene::Shape::Sphere { radius } => radius,
+        tissue::scene::Shape::Capsule { radius, .. } | tissue::scene::Shape::Sphere { radius } => {
+            radius
+        }
         tissue::scene::Shape::Compound(_) => 0.003,
     };
     let [w, x, y, z] = tool.orientation;
     let turn = nalgebra::UnitQuaternion::new_normalize(nalgebra::Quaternion::new(w, x, y, z));
-    Look { look, radius, axis: (turn * -nalgebra::Vector3::z()).into() }
+    Look {
+        look,
+        radius,
+        axis: (turn * -nalgebra::Vector3::z()).into(),
+    }
 }
 
 /// Positions of the tools.
@@ -130,7 +141,11 @@ fn draw(
     let tints: Vec<Vec<f32>> = panels
         .iter()
         .map(|(frame, _)| {
-            frame.triangles.iter().map(|t| if skin.contains(&key(t)) { 0.0 } else { 1.0 }).collect()
+            frame
+                .triangles
+                .iter()
+                .map(|t| if skin.contains(&key(t)) { 0.0 } else { 1.0 })
+                .collect()
         })
         .collect();
     let active = [1, 2].map(|k| table.column(&format!("tool[{k}].active")));
@@ -143,15 +158,21 @@ fn draw(
                     axis: look.axis,
                     radius: look.radius,
                     length: 0.25,
-                    active: active.iter().any(|[t, on]| (t - time).abs() < 0.5 * STEP && *on > 0.5),
+                    active: active
+                        .iter()
+                        .any(|[t, on]| (t - time).abs() < 0.5 * STEP && *on > 0.5),
                     accent: PALETTE[k],
                 })
                 .collect()
         })
         .collect();
     // The organ, the grasper's tip and a little of its shaft fill the frame.
-    let mut shown: Vec<[f64; 3]> =
-        first.triangles.iter().flatten().map(|v| first.vertices[*v as usize]).collect();
+    let mut shown: Vec<[f64; 3]> = first
+        .triangles
+        .iter()
+        .flatten()
+        .map(|v| first.vertices[*v as usize])
+        .collect();
     for (_, tips) in panels {
         shown.push(tips[0]);
         shown.push([0, 1, 2].map(|a| tips[0][a] + 0.03 * looks[0].axis[a]));
@@ -186,17 +207,35 @@ fn draw(
 fn chart(table: &Table) -> Chart<'static> {
     let magnitude = |k: usize| -> Vec<[f64; 2]> {
         let [x, y, z] = ["x", "y", "z"].map(|a| table.column(&format!("tool[{k}].force.{a}")));
-        (0..x.len()).map(|i| [x[i][0], x[i][1].hypot(y[i][1]).hypot(z[i][1])]).collect()
+        (0..x.len())
+            .map(|i| [x[i][0], x[i][1].hypot(y[i][1]).hypot(z[i][1])])
+            .collect()
     };
     let events = events(table);
     Chart {
         title: "Force of the tissue on the tools",
-        x: Axis { label: "time", unit: "s", scale: Scale::Linear },
-        y: Axis { label: "force", unit: "N", scale: Scale::Linear },
+        x: Axis {
+            label: "time",
+            unit: "s",
+            scale: Scale::Linear,
+        },
+        y: Axis {
+            label: "force",
+            unit: "N",
+            scale: Scale::Linear,
+        },
         series: (["grasper", "cautery"].iter().enumerate())
-            .map(|(k, name)| Line { name, points: magnitude(k + 1), style: Style::Line, color: PALETTE[k] })
+            .map(|(k, name)| Line {
+                name,
+                points: magnitude(k + 1),
+                style: Style::Line,
+                color: PALETTE[k],
+            })
             .collect(),
-        events: events.into_iter().map(|(x, label)| Event { x, label }).collect(),
+        events: events
+            .into_iter()
+            .map(|(x, label)| Event { x, label })
+            .collect(),
         stations: PANELS.to_vec(),
     }
 }
@@ -205,9 +244,16 @@ fn chart(table: &Table) -> Chart<'static> {
 fn events(table: &Table) -> Vec<(f64, &'static str)> {
     let changes = |name: &str| -> Vec<f64> {
         let column = table.column(name);
-        column.windows(2).filter(|w| w[0][1] != w[1][1]).map(|w| w[1][0]).collect()
+        column
+            .windows(2)
+            .filter(|w| w[0][1] != w[1][1])
+            .map(|w| w[1][0])
+            .collect()
     };
-    let (grasps, cuts) = (changes("tool[1].inContact"), changes("topology.removedTetrahedra"));
+    let (grasps, cuts) = (
+        changes("tool[1].inContact"),
+        changes("topology.removedTetrahedra"),
+    );
     [
         (grasps.first(), "grasp"),
         (cuts.first(), "cut begins"),
@@ -223,9 +269,14 @@ fn summary(output: &Path, table: &Table, steps: u64, seconds: f64) -> String {
     let last = |name: &str| table.column(name).last().map_or(0.0, |v| v[1]);
     let most = |k: usize| {
         let [x, y, z] = ["x", "y", "z"].map(|a| table.column(&format!("tool[{k}].force.{a}")));
-        (0..x.len()).map(|i| x[i][1].hypot(y[i][1]).hypot(z[i][1])).fold(0.0, f64::max)
+        (0..x.len())
+            .map(|i| x[i][1].hypot(y[i][1]).hypot(z[i][1]))
+            .fold(0.0, f64::max)
     };
-    let balance = last("energy.elastic") + last("energy.kinetic") + last("energy.gravity") + last("energy.dissipated")
+    let balance = last("energy.elastic")
+        + last("energy.kinetic")
+        + last("energy.gravity")
+        + last("energy.dissipated")
         - last("energy.toolWork")
         - last("energy.supportWork");
     let start = table.column("energy.elastic")[0][1] + table.column("energy.gravity")[0][1];

@@ -20,22 +20,46 @@ pub fn run(path: &Path, json: bool) -> Result<(), Error> {
     let i = &inspection;
     let mut lines = vec![
         i.name.clone(),
-        format!("  mesh         {} vertices, {} edges, {} tetrahedra, {} surface triangles, {} piece(s)",
-            i.vertices, i.edges, i.tetrahedra, i.surface_triangles, i.pieces),
-        format!("  quality      smallest dihedral angle {:.1} degrees", i.minimum_dihedral),
+        format!(
+            "  mesh         {} vertices, {} edges, {} tetrahedra, {} surface triangles, {} piece(s)",
+            i.vertices, i.edges, i.tetrahedra, i.surface_triangles, i.pieces
+        ),
+        format!(
+            "  quality      smallest dihedral angle {:.1} degrees",
+            i.minimum_dihedral
+        ),
         format!("  tissue       {:.4e} m3, {:.4e} kg", i.volume, i.mass),
     ];
     for (k, share) in i.materials.iter().enumerate() {
-        lines.push(format!("  material[{}]  {} tetrahedra, {:.4e} m3, {:.4e} kg", k + 1, share.tetrahedra, share.volume, share.mass));
+        lines.push(format!(
+            "  material[{}]  {} tetrahedra, {:.4e} m3, {:.4e} kg",
+            k + 1,
+            share.tetrahedra,
+            share.volume,
+            share.mass
+        ));
     }
-    lines.push(format!("  boundary     {} nodes fixed, {} prescribed, {} loaded", i.fixed_nodes, i.prescribed_nodes, i.loaded_nodes));
-    lines.push(format!("  damping      {:.4} 1/s; lowest frequency {:.4} Hz", i.damping, i.lowest_frequency));
+    lines.push(format!(
+        "  boundary     {} nodes fixed, {} prescribed, {} loaded",
+        i.fixed_nodes, i.prescribed_nodes, i.loaded_nodes
+    ));
+    lines.push(format!(
+        "  damping      {:.4} 1/s; lowest frequency {:.4} Hz",
+        i.damping, i.lowest_frequency
+    ));
     for (scheme, step) in &i.critical_step {
         let step = step.map_or("none".to_string(), |s| format!("{:.4} ms", 1e3 * s));
         lines.push(format!("  critical     {scheme:<18} {step}"));
     }
-    lines.push(format!("  substep      {:.4} ms, about {:.1} us each here, without contact", 1e3 * i.substep, 1e6 * i.seconds_per_substep));
-    lines.push(format!("  memory       {:.1} MB an instance", i.memory_bytes as f64 / 1e6));
+    lines.push(format!(
+        "  substep      {:.4} ms, about {:.1} us each here, without contact",
+        1e3 * i.substep,
+        1e6 * i.seconds_per_substep
+    ));
+    lines.push(format!(
+        "  memory       {:.1} MB an instance",
+        i.memory_bytes as f64 / 1e6
+    ));
     lines.extend(i.warnings.iter().map(|w| format!("  warning      {w}")));
     say(&lines.join("\n"))
 }

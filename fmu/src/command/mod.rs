@@ -32,7 +32,11 @@ fn spinner(message: String) -> ProgressBar {
 fn bar(total: u64, message: &str) -> ProgressBar {
     let style = ProgressStyle::with_template("{msg} [{bar:32}] {percent:>3} % {eta} left");
     ProgressBar::new(total)
-        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("=> "))
+        .with_style(
+            style
+                .unwrap_or_else(|_| ProgressStyle::default_bar())
+                .progress_chars("=> "),
+        )
         .with_message(message.to_string())
 }
 
@@ -44,17 +48,25 @@ fn prepare(scene: &Path) -> Result<Arc<Model>, Error> {
 }
 
 fn is_fmu(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("fmu"))
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("fmu"))
 }
 
 /// The model inside an FMU.
 fn open_fmu(path: &Path) -> Result<Model, Error> {
-    let wrong = |e: String| Error::Content(path.to_path_buf(), format!("is no FMU of this program: {e}"));
+    let wrong = |e: String| {
+        Error::Content(
+            path.to_path_buf(),
+            format!("is no FMU of this program: {e}"),
+        )
+    };
     let archive = std::fs::File::open(path).map_err(file(path))?;
     let mut archive = zip::ZipArchive::new(archive).map_err(|e| wrong(e.to_string()))?;
     let folder = tempfile::tempdir().map_err(file(path))?;
     for name in [tissue::prepared::SCENE, tissue::prepared::PRECOMPUTED] {
-        let mut entry = archive.by_name(&format!("resources/{name}")).map_err(|e| wrong(format!("resources/{name}: {e}")))?;
+        let mut entry = archive
+            .by_name(&format!("resources/{name}"))
+            .map_err(|e| wrong(format!("resources/{name}: {e}")))?;
         let target = folder.path().join(name);
         let mut out = std::fs::File::create(&target).map_err(file(&target))?;
         std::io::copy(&mut entry, &mut out).map_err(file(path))?;

@@ -22,9 +22,9 @@ pub fn run(
     output: &Path,
 ) -> Result<(), Error> {
     let positive = |name: &str, value: Option<f64>| match value {
-        Some(v) if !(v > 0.0 && v.is_finite()) => {
-            Err(Error::Simulation(format!("--{name} {v}: must be a positive number of seconds")))
-        }
+        Some(v) if !(v > 0.0 && v.is_finite()) => Err(Error::Simulation(format!(
+            "--{name} {v}: must be a positive number of seconds"
+        ))),
         _ => Ok(()),
     };
     positive("stop", stop)?;
@@ -53,8 +53,14 @@ pub fn run(
     let stop = stop.or(motion.as_ref().map(Motion::end)).unwrap_or(1.0);
     let steps = (stop / step - 1e-9).ceil().max(1.0) as u64;
     let every = steps.div_ceil(FRAMES);
-    let name = fmu.file_stem().map_or("model".into(), |n| n.to_string_lossy().into_owned());
-    let (reader, mut series, mut table) = (SurfaceReader::new(&host), Series::new(output, &name), Table::new(&host));
+    let name = fmu
+        .file_stem()
+        .map_or("model".into(), |n| n.to_string_lossy().into_owned());
+    let (reader, mut series, mut table) = (
+        SurfaceReader::new(&host),
+        Series::new(output, &name),
+        Table::new(&host),
+    );
     series.add(0.0, &reader.read(&host)?)?;
     table.record(&host)?;
     let progress = bar(steps, "simulating");

@@ -286,6 +286,7 @@ impl Instance {
             )));
         }
         let removed = self.simulation.state().live.removed.len();
+        let halvings = self.simulation.halvings();
         let outcome = self.simulation.step(length);
         if let Err(e @ (StepError::Length(_) | StepError::TooLong(..))) = outcome {
             return Err(error(e));
@@ -302,17 +303,18 @@ impl Instance {
         self.mode = Mode::StepComplete;
         self.last_time = end;
         self.last_step = Status::Ok;
-        self.report(end, removed);
+        self.report(end, removed, halvings);
         Ok(())
     }
 
     /// What is worth a line after a step. Its status stays `fmi2OK`, because some hosts take
     /// `fmi2Warning` for a failure.
-    fn report(&self, time: f64, removed_before: usize) {
+    /// Halving is told of when its number changes, not every step.
+    fn report(&self, time: f64, removed_before: usize, halvings_before: u32) {
         let halvings = self.simulation.halvings();
-        if halvings > 0 && self.logger.wants(Status::Warning) {
+        if halvings != halvings_before && self.logger.wants(Status::Warning) {
             let line = format!(
-                "fmi2DoStep: the step to {time} s was unstable and needed its substep halved {halvings} times"
+                "fmi2DoStep: in the step to {time} s the substep had to be halved {halvings} times to be stable"
             );
             self.logger.log(Status::Warning, &line);
         }
@@ -461,8 +463,13 @@ impl Instance {
     }
 
     #[cfg(test)]
-    pub fn force(&mut self, mode: Mode) {
-        self.mode = mode;
+    pub fn mode(&mut self) -> &mut Mode {
+        &mut self.mode
+    }
+
+    #[cfg(test)]
+    pub fn simulation(&self) -> &Simulation {
+        &self.simulation
     }
 }
 

@@ -1,6 +1,6 @@
 //! FMI 2.0 for co-simulation: the C functions of the FMU.
 //!
-//! This file holds all that is unsafe: pointers are checked and become slices, then [`instance`] does
+//! This file holds all that is unsafe: pointers are checked and become slices, then `instance` does
 //! the work. No function unwinds into the host: a panic is `fmi2Fatal` and one log line.
 //!
 //! # Safety

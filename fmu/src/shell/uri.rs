@@ -34,7 +34,7 @@ mod tests {
             ("file:///a/b/resources/", "/a/b/resources/"),
             ("file:/a/b", "/a/b"),
             ("FILE:///a/b", "/a/b"),
-            ("file:////a/b", "//a/b"),
+            ("file:////a/b", "/a/b"),
             ("file://localhost/a/b", "/a/b"),
             ("file:///a%20b%20%C3%BC%2B%2520/c", "/a b ü+%20/c"),
             ("file:///a b/ü", "/a b/ü"),
