@@ -4,7 +4,7 @@
 //! 2. [`model::Model`] is what never changes: shape gradients, tensors, boundary, spectrum.
 //! 3. [`simulation::Simulation`] steps a [`state::State`]: contact, forces, integration, n substeps a
 //!    communication step.
-//! 4. [`reference`] solves the same scene's statics directly, for comparison.
+//! 4. [`mod@reference`] solves the same scene's statics directly, for comparison.
 //!
 //! Units are SI throughout. The library knows nothing of FMI.
 

@@ -199,7 +199,7 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
     out.0
 }
 
-/// Length of what [`write`] makes.
+/// Length of what [`write()`] makes.
 pub fn size(state: &State) -> usize {
     let words = 1
         + 1
