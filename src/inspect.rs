@@ -29,7 +29,8 @@ pub struct Inspection {
     pub loaded_nodes: usize,
     pub dynamic_tetrahedra: usize,
     pub connection_nodes: usize,
-    /// Scheme to seconds; undamped where the scheme allows it, else at the scene's damping. `null`: no limit.
+    /// Scheme to seconds; undamped where the scheme allows it, else at the scene's damping. `null`: no
+    /// limit, for the scheme or because nothing can move.
     pub critical_step: BTreeMap<&'static str, Option<f64>>,
     /// In use \[s\].
     pub substep: f64,
@@ -73,6 +74,7 @@ pub fn inspect(model: &Model) -> Inspection {
     }
     let (omega, damping) = (model.spectrum.highest, model.damping());
     let used = model.whole.star_count.iter().filter(|c| **c > 0).count();
+    let limit = |step: f64| step.is_finite().then_some(step);
     let loaded: std::collections::BTreeSet<u32> =
         model.boundary.loads.iter().map(|l| l.node).collect();
     Inspection {
@@ -96,16 +98,16 @@ pub fn inspect(model: &Model) -> Inspection {
         dynamic_tetrahedra: model.mesh.tetrahedra.len(),
         connection_nodes: 0,
         critical_step: BTreeMap::from([
-            ("euler", Some(critical_step::euler(omega, damping))),
+            ("euler", limit(critical_step::euler(omega, damping))),
             (
                 "symplecticEuler",
-                Some(critical_step::symplectic_euler(omega, 0.0)),
+                limit(critical_step::symplectic_euler(omega, 0.0)),
             ),
             (
                 "centralDifference",
-                Some(critical_step::central_difference(omega)),
+                limit(critical_step::central_difference(omega)),
             ),
-            ("rungeKutta4", Some(critical_step::runge_kutta_4(omega))),
+            ("rungeKutta4", limit(critical_step::runge_kutta_4(omega))),
             ("implicitEuler", None),
         ]),
         substep: model.substep(damping),

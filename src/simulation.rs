@@ -273,9 +273,9 @@ impl Simulation {
         }
     }
 
-    /// Largest stable substep at the present damping \[s\].
+    /// Largest stable substep at the present damping \[s\]; 1e9 where nothing can move.
     pub fn critical_substep(&self) -> f64 {
-        step::critical_substep(&self.model, &self.state)
+        step::critical_substep(&self.model, &self.state).min(1e9)
     }
 
     /// Substep in use \[s\].

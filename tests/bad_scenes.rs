@@ -102,7 +102,7 @@ fn each_mistake_has_its_line() {
         ("/mesh/liver", "{}", r#"mesh: holds both "box" and "liver"; must hold exactly one of "box", "cylinder", "liver", "file" and "nodes""#),
         ("/mesh/scale", "2", r#"mesh.scale: belongs to "file", not to "box"; remove it"#),
         ("/mesh", r#"{"tetrahedra": [[0, 1, 2, 3]]}"#, r#"mesh: holds none; must hold exactly one of "box", "cylinder", "liver", "file" and "nodes""#),
-        ("/mesh", r#"{"liver": {"edgeLength": 0.0001}}"#, "mesh.liver.edgeLength: 0.0001 is out of range; must be 0.001 or more"),
+        ("/mesh", r#"{"liver": {"edgeLength": 0.0001}}"#, "mesh.liver.edgeLength: 0.0001 is out of range; must be 0.003 to 0.03"),
         ("/mesh", r#"{"cylinder": {"radius": 0.02, "height": 0.1, "edgeLength": 1e-6}}"#, "mesh.cylinder.edgeLength: 1e-6 makes more than 10 million cells; must be 2.3e-4 or more"),
         ("/mesh", r#"{"cylinder": {"radius": 0, "height": 0.1, "edgeLength": 0.01}}"#, "mesh.cylinder.radius: 0 is out of range; must be above 0"),
         ("/mesh", r#"{"file": "liver.stl"}"#, r#"mesh.file: found the string "liver.stl"; must be a mesh file (.msh, .vtk, .vtu, .mesh, .node or .ele)"#),

@@ -53,7 +53,7 @@ fn plate_and_cantilever_settle_where_the_direct_solution_says() {
     }
 }
 
-/// `UPDATE=1 cargo test --test examples` writes it.
+/// `UPDATE=1 cargo test -p tissue --test examples` writes it.
 #[test]
 fn committed_schema_is_current() {
     let path = root().join("modelDescription/scene.schema.json");
@@ -63,6 +63,6 @@ fn committed_schema_is_current() {
     }
     assert!(
         std::fs::read_to_string(&path).unwrap() == text,
-        "run UPDATE=1 cargo test --test examples"
+        "run UPDATE=1 cargo test -p tissue --test examples"
     );
 }

@@ -41,7 +41,11 @@ fn balance_closes_to_round_off_through_press_grasp_cut_and_drop() {
 
 #[test]
 fn balance_closes_with_loads_prescribed_nodes_uniform_mass_and_uneven_steps() {
-    for mass in ["lumped", "uniform"] {
+    for (mass, kept) in [
+        ("lumped", "removed"),
+        ("uniform", "removed"),
+        ("lumped", "kept"),
+    ] {
         let text = common::BAR.replace(
             "\"tools\"",
             &format!(
@@ -50,7 +54,7 @@ fn balance_closes_with_loads_prescribed_nodes_uniform_mass_and_uneven_steps() {
                 "loads": [{{"where": {{"box": {{"min": [0.1, 0, 0.02], "max": [0.1, 1, 0.02]}}}},
                 "force": [0, 0.001, 0.002], "ramp": 0.15}}],
                 "cuts": [{{"time": 0.1, "where": {{"box": {{"min": [0.03, 0, 0.015], "max": [0.035, 1, 1]}}}}}}],
-                "integration": {{"mass": "{mass}", "damping": 4}}, "tools""#
+                "integration": {{"mass": "{mass}", "damping": 4}}, "cutting": {{"mass": "{kept}"}}, "tools""#
             ),
         );
         let mut s = common::simulation(&text);

@@ -97,3 +97,17 @@ fn steps_that_are_no_steps_are_refused() {
     assert_eq!(s.step(1e-3), Err(StepError::Orientation(2)));
     assert_eq!(s.time(), 0.0);
 }
+
+/// Nothing can move: no limit, no number that is none.
+#[test]
+fn a_scene_that_is_held_all_over_runs() {
+    let text = common::BAR.replace(
+        r#"{"box": {"min": [0, 0, 0], "max": [0, 1, 1]}}"#,
+        r#"{"all": true}"#,
+    );
+    let mut s = common::simulation(&text);
+    s.step(1e-3).unwrap();
+    assert!(s.critical_substep().is_finite() && s.energy().balance() == 0.0);
+    let inspection = tissue::inspect::inspect(s.model());
+    assert_eq!(inspection.critical_step["symplecticEuler"], None);
+}

@@ -26,7 +26,7 @@ impl Lame {
     ///
     /// K_jk = V \[lambda a_j a_k^T + mu a_k a_j^T + mu (a_j . a_k) I\]  \[N/m\], K_jk = K_kj^T.
     ///
-    /// Cotin, Delingette, Ayache 1998, eq. 8, corrected: the outer products are transposed there.
+    /// Cotin, Delingette, Ayache 1998, eq. 5, corrected: the outer products are transposed there.
     pub fn stiffness_block(&self, volume: f64, a_j: &Vec3, a_k: &Vec3) -> Matrix3<f64> {
         let mut block = a_j * a_k.transpose() * (volume * self.lambda)
             + a_k * a_j.transpose() * (volume * self.mu);

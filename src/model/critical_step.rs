@@ -1,15 +1,22 @@
 //! Largest stable substep of each scheme \[s\], with mass-proportional damping c = 2 zeta omega \[1/s\].
 //!
-//! For a mesh, whose lowest modes lie far below omega, the highest frequency.
+//! For a mesh, whose lowest modes lie far below omega, the highest frequency. Infinite where nothing
+//! can move (omega = 0).
 
 /// Symplectic Euler with explicit damping: omega h < 2 (sqrt(1 + zeta²) - zeta).
 pub fn symplectic_euler(omega: f64, damping: f64) -> f64 {
+    if omega == 0.0 {
+        return f64::INFINITY;
+    }
     let zeta = damping / (2.0 * omega);
     2.0 * ((1.0 + zeta * zeta).sqrt() - zeta) / omega
 }
 
 /// Explicit Euler: omega h < min(2 zeta, 1/zeta); zero without damping.
 pub fn euler(omega: f64, damping: f64) -> f64 {
+    if omega == 0.0 {
+        return f64::INFINITY;
+    }
     let zeta = damping / (2.0 * omega);
     (2.0 * zeta).min(1.0 / zeta) / omega
 }

@@ -147,7 +147,9 @@ fn mesh_source(node: &Node) -> Result<MeshSource> {
         "liver" => {
             let [edge] = source.keys(["edgeLength"])?;
             let edge = edge.or(default_liver_edge(), |n| {
-                n.number_in("0.001 or more", |x| x >= 0.001)
+                n.number_in("0.003 to 0.03", |x| {
+                    crate::mesh::liver::EDGE_LENGTH.contains(&x)
+                })
             });
             MeshSource::Liver { edge_length: edge? }
         }

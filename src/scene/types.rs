@@ -94,7 +94,7 @@ pub enum MeshSource {
     },
     /// Procedural liver-like organ.
     Liver {
-        /// m, 0.001 or more: wanted length of the tetrahedra's edges; default 0.015.
+        /// m, 0.003 to 0.03: wanted length of the tetrahedra's edges; default 0.015.
         #[serde(default = "default_liver_edge")]
         edge_length: f64,
     },
@@ -612,11 +612,11 @@ pub(super) fn default_orientation() -> [f64; 4] {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "camelCase")]
 pub enum ToolKind {
-    /// Pushes.
+    /// Pushes: holds what it touches until that pulls.
     Probe,
-    /// Pushes; holds what it touches while active.
+    /// Holds what it touches at the moment its jaws close, until they open; open, it touches nothing.
     Grasper,
-    /// Pushes; removes what it touches while active.
+    /// Removes what its active part touches while the current is on; pushes like a probe while it is off.
     Cautery,
 }
 

@@ -205,15 +205,9 @@ fn draw(
 }
 
 fn chart(table: &Table) -> Chart<'static> {
-    let magnitude = |k: usize| -> Vec<[f64; 2]> {
-        let [x, y, z] = ["x", "y", "z"].map(|a| table.column(&format!("tool[{k}].force.{a}")));
-        (0..x.len())
-            .map(|i| [x[i][0], x[i][1].hypot(y[i][1]).hypot(z[i][1])])
-            .collect()
-    };
     let events = events(table);
     Chart {
-        title: "Force of the tissue on the tools",
+        title: "Force of the tissue on the grasper",
         x: Axis {
             label: "time",
             unit: "s",
@@ -224,20 +218,27 @@ fn chart(table: &Table) -> Chart<'static> {
             unit: "N",
             scale: Scale::Linear,
         },
-        series: (["grasper", "cautery"].iter().enumerate())
-            .map(|(k, name)| Line {
-                name,
-                points: magnitude(k + 1),
-                style: Style::Line,
-                color: PALETTE[k],
-            })
-            .collect(),
+        // The cautery burns what it touches and so feels nothing.
+        series: vec![Line {
+            name: "grasper",
+            points: force(table, 1),
+            style: Style::Line,
+            color: PALETTE[0],
+        }],
         events: events
             .into_iter()
             .map(|(x, label)| Event { x, label })
             .collect(),
         stations: PANELS.to_vec(),
     }
+}
+
+/// Magnitude of the force on a tool over time.
+fn force(table: &Table, tool: usize) -> Vec<[f64; 2]> {
+    let [x, y, z] = ["x", "y", "z"].map(|a| table.column(&format!("tool[{tool}].force.{a}")));
+    (0..x.len())
+        .map(|i| [x[i][0], x[i][1].hypot(y[i][1]).hypot(z[i][1])])
+        .collect()
 }
 
 /// First grasp, first and last removal, release.
@@ -267,12 +268,7 @@ fn events(table: &Table) -> Vec<(f64, &'static str)> {
 
 fn summary(output: &Path, table: &Table, steps: u64, seconds: f64) -> String {
     let last = |name: &str| table.column(name).last().map_or(0.0, |v| v[1]);
-    let most = |k: usize| {
-        let [x, y, z] = ["x", "y", "z"].map(|a| table.column(&format!("tool[{k}].force.{a}")));
-        (0..x.len())
-            .map(|i| x[i][1].hypot(y[i][1]).hypot(z[i][1]))
-            .fold(0.0, f64::max)
-    };
+    let most = force(table, 1).iter().map(|p| p[1]).fold(0.0, f64::max);
     let balance = last("energy.elastic")
         + last("energy.kinetic")
         + last("energy.gravity")
@@ -288,7 +284,7 @@ fn summary(output: &Path, table: &Table, steps: u64, seconds: f64) -> String {
          {steps} steps of 1 ms in {seconds:.2} s: {each:.0} us a step, {ratio:.1} times real time",
         folder = output.display(),
         rows = steps + 1,
-        grasper = most(1),
+        grasper = most,
         removed = last("topology.removedTetrahedra"),
         pieces = last("topology.pieces"),
         residual = balance - start,
