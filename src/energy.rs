@@ -11,6 +11,8 @@
 
 use crate::mesh::Vec3;
 use crate::model::Model;
+use crate::model::sweep::{Motion, sweep};
+use crate::model::tensor_mass::Lane;
 use crate::state::State;
 
 /// Running sums \[J\].
@@ -51,40 +53,75 @@ impl Energy {
     }
 }
 
-/// Evaluates the account; `internal` is scratch for K u.
-pub fn evaluate(model: &Model, state: &State, internal: &mut [Vec3]) -> Energy {
-    let tensors = &state.live.tensors;
-    tensors.product(&model.pattern, &state.displacement, internal);
+/// Room for an evaluation.
+#[derive(Debug)]
+pub struct Scratch {
+    displacement: Vec<Lane>,
+    velocity: Vec<Lane>,
+    residual: Vec<Lane>,
+    partial: Vec<Lane>,
+}
+
+impl Scratch {
+    pub fn new(nodes: usize) -> Scratch {
+        let zeros = vec![Lane::default(); nodes];
+        Scratch {
+            displacement: zeros.clone(),
+            velocity: zeros.clone(),
+            residual: zeros.clone(),
+            partial: zeros,
+        }
+    }
+}
+
+/// Evaluates the account: a sweep of length zero over a copy gives K u and the sums.
+pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Energy {
+    scratch.displacement.copy_from_slice(&state.displacement);
+    scratch.velocity.copy_from_slice(&state.velocity);
+    let sums = sweep(
+        &model.pattern,
+        &state.live.tensors,
+        &mut Motion {
+            displacement: &mut scratch.displacement,
+            velocity: &mut scratch.velocity,
+            residual: &mut scratch.residual,
+            partial: &mut scratch.partial,
+            external: &state.external,
+            inverse_mass: &state.inverse_mass,
+            mass: &state.live.mass,
+        },
+        0.0,
+        state.parameters.damping,
+    );
     let half = 0.5 * state.clock.substep;
-    let gravity = Vec3::from(state.parameters.gravity);
+    // Power of the residual on free degrees of freedom, and gravity's moment.
+    let (mut power, mut moment) = (0.0, Vec3::zeros());
+    for i in 0..scratch.residual.len() {
+        let (v, r) = (&state.velocity[i].0, &scratch.residual[i].0);
+        for axis in 0..3 {
+            if state.inverse_mass[i].0[axis] > 0.0 {
+                power += v[axis] * r[axis];
+            }
+            moment[axis] += state.live.weight[i] * state.displacement[i].0[axis];
+        }
+    }
+    let gravity = if model.boundary.loads.is_empty() {
+        -sums.external
+    } else {
+        -Vec3::from(state.parameters.gravity).dot(&moment)
+    };
     let mut energy = Energy {
+        elastic: 0.5 * sums.elastic,
+        kinetic: 0.5 * sums.kinetic + half * power,
+        gravity,
+        load: -sums.external - gravity,
         tool_work: state.account.tool_work,
         support_work: state.account.support_work,
         dissipated: state.account.dissipated,
-        ..Energy::default()
     };
-    for i in 0..internal.len() {
-        let (u, v) = (state.displacement[i].xyz(), state.velocity[i].xyz());
-        let external = state.external[i].xyz();
-        let mass = state.live.mass[i];
-        let r = external - internal[i] - v * (state.parameters.damping * mass);
-        energy.elastic += 0.5 * u.dot(&internal[i]);
-        energy.kinetic += 0.5 * mass * v.norm_squared();
-        for axis in 0..3 {
-            if state.inverse_mass[i].0[axis] > 0.0 {
-                energy.kinetic += half * v[axis] * r[axis];
-            }
-        }
-        let weight = gravity * state.live.weight[i];
-        energy.gravity -= weight.dot(&u);
-        energy.load -= (external - weight).dot(&u);
-    }
     for held in &state.held {
         let i = held.node as usize;
-        let v = state.velocity[i].xyz();
-        let r = state.external[i].xyz()
-            - internal[i]
-            - v * (state.parameters.damping * state.live.mass[i]);
+        let (v, r) = (&state.velocity[i].0, &scratch.residual[i].0);
         let trailing: f64 = (0..3)
             .filter(|a| held.axes[*a])
             .map(|a| -half * v[a] * r[a])

@@ -16,7 +16,7 @@ pub struct Simulation {
     model: Arc<Model>,
     state: State,
     work: Workspace,
-    scratch: Vec<Vec3>,
+    scratch: energy::Scratch,
     /// Evaluated when first read after a change.
     energy: Option<Energy>,
     pieces: Option<(u64, usize)>,
@@ -40,7 +40,7 @@ impl Simulation {
     pub fn new(model: Arc<Model>) -> Simulation {
         let state = State::new(&model);
         let work = Workspace::new(&model, &state);
-        let scratch = vec![Vec3::zeros(); model.mesh.nodes.len()];
+        let scratch = energy::Scratch::new(model.mesh.nodes.len());
         Simulation {
             original: model.clone(),
             model,

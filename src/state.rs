@@ -1,7 +1,7 @@
 //! Everything that changes while a scene runs. Its copy is a saved state.
 
 use crate::contact::hold::{Held, Released};
-use crate::energy::Account;
+use crate::energy::{Account, Scratch};
 use crate::live::LiveMesh;
 use crate::mesh::Vec3;
 use crate::model::Model;
@@ -147,11 +147,7 @@ impl State {
     }
 
     pub fn energy(&self, model: &Model) -> crate::energy::Energy {
-        crate::energy::evaluate(
-            model,
-            self,
-            &mut vec![Vec3::zeros(); self.displacement.len()],
-        )
+        crate::energy::evaluate(model, self, &mut Scratch::new(self.displacement.len()))
     }
 
     /// Recomputes what follows from the rest.
