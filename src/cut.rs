@@ -16,7 +16,7 @@ pub fn remove(model: &Model, state: &mut State, t: u32) {
     let nodes = model.mesh.tetrahedra[t as usize].map(|v| v as usize);
     let u = nodes.map(|i| state.displacement[i].xyz());
     let v = nodes.map(|i| state.velocity[i].xyz());
-    let internal = model.shape[t as usize].linear_force(&model.material(t as usize).lame, &u);
+    let internal = model.shape[t as usize].linear_force(&model.material(t as usize).law, &u);
     let mass = nodes.map(|i| state.live.mass[i]);
     let external = nodes.map(|i| state.external[i].xyz());
     state.live.remove(model, t);

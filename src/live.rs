@@ -47,7 +47,7 @@ impl LiveMesh {
             let material = model.material(t);
             let shape = &model.shape[t];
             live.tensors
-                .accumulate(&model.pattern, tetrahedron, shape, &material.lame, 1.0);
+                .accumulate(&model.pattern, tetrahedron, shape, &material.law, 1.0);
             for node in tetrahedron {
                 live.star_count[*node as usize] += 1;
                 live.weight[*node as usize] += material.density * shape.volume / 4.0;
@@ -86,7 +86,7 @@ impl LiveMesh {
         let material = model.material(index);
         self.removed_volume += shape.volume;
         self.tensors
-            .accumulate(&model.pattern, nodes, shape, &material.lame, -1.0);
+            .accumulate(&model.pattern, nodes, shape, &material.law, -1.0);
         let share = material.density * shape.volume / 4.0;
         let removes_weight = model.scene.cutting.mass == CutMass::Removed;
         let removes_mass = removes_weight && model.scene.integration.mass == Mass::Lumped;

@@ -208,7 +208,6 @@ fn each_mistake_has_its_line() {
         ("/cutting/rule", r#""duplicate""#, "cutting.rule: duplicate is not available in this version; use remove"),
         ("/tearing", r#"{"criterion": "volume", "threshold": 0.3}"#, "tearing: tearing is not available in this version; remove it"),
         ("/mesh", r#"{"file": "liver.vtu"}"#, "mesh.file: the mesh format .vtu is not available in this version; use .msh"),
-        ("/materials/1/fibre", r#"{"direction": [0, 0, 1], "lambda": 8e4, "mu": 2e4}"#, "materials[1].fibre: a fibre direction is not available in this version; remove it"),
         ("/tools/0/shape", r#"{"compound": [{"shape": {"sphere": {"radius": 0.01}}}]}"#, "tools[0].shape.compound: a compound shape is not available in this version; use sphere or capsule"),
         ("/tools/0/friction", "0.3", r#"tools[0].friction: a Coulomb coefficient is not available in this version; use "stick""#),
         ("/tools/1/slipForce", "2", "tools[1].slipForce: a slip force is not available in this version; use null"),

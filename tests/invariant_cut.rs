@@ -21,7 +21,7 @@ fn fresh(model: &Model, state: &State) -> (Tensors, Vec<f64>) {
         .filter(|(t, _)| state.live.alive[*t])
     {
         let material = model.material(t);
-        tensors.accumulate(&model.pattern, nodes, &model.shape[t], &material.lame, 1.0);
+        tensors.accumulate(&model.pattern, nodes, &model.shape[t], &material.law, 1.0);
         for v in nodes {
             mass[*v as usize] += material.density * model.shape[t].volume / 4.0;
         }

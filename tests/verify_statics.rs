@@ -56,7 +56,7 @@ fn patch_test_on_the_liver() {
 /// Stretch along x with free sides: sigma = E eps, lateral strain -nu eps; with held sides lambda + 2 mu.
 #[test]
 fn stretched_and_confined_block() {
-    let lame = tissue::law::linear::Lame::new(E, NU);
+    let lame = tissue::law::linear::Hooke::new(E, NU);
     let free = r#""fixed": [{"where": {"box": {"min": [0, 0, 0], "max": [0, 1, 1]}}, "axes": "x"},
         {"where": {"box": {"min": [0, 0, 0], "max": [1, 0, 1]}}, "axes": "y"},
         {"where": {"box": {"min": [0, 0, 0], "max": [1, 1, 0]}}, "axes": "z"}]"#;
@@ -85,10 +85,36 @@ fn stretched_and_confined_block() {
     }
 }
 
+/// Stretch along x with free sides and fibres askew: sigma = eps / (C^-1)_xx. The uniform stress shears
+/// the block, so its ends are held along x only.
+#[test]
+fn stretched_block_with_fibres() {
+    for direction in [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 2.0, -0.5]] {
+        let r = reference(&format!(
+            r#"{{"name": "block", "mesh": {{"box": {{"size": [0.05, 0.02, 0.03], "cells": [5, 2, 3]}}}},
+            "materials": [{{"where": {{"all": true}}, "youngModulus": {E}, "poissonRatio": 0.3, "density": 1060,
+              "fibre": {{"direction": {direction:?}, "lambda": 9000, "mu": 8000}}}}],
+            "gravity": [0, 0, 0],
+            "fixed": [{{"where": {{"box": {{"min": [0, 0, 0], "max": [0, 1, 1]}}}}, "axes": "x"}},
+              {{"where": {{"nodes": [0]}}, "axes": "yz"}}, {{"where": {{"nodes": [12]}}, "axes": "z"}}],
+            "prescribed": [{{"where": {{"box": {{"min": [0.05, 0, 0], "max": [0.05, 1, 1]}}}}, "displacement": [0.0005, null, null]}}]}}"#
+        ));
+        let law =
+            tissue::law::linear::Hooke::new(E, 0.3).with_fibre(direction.into(), 9000.0, 8000.0);
+        let modulus = 1.0 / law.mandel().try_inverse().unwrap()[(0, 0)];
+        let force = reaction(&r, |p| p[0] > 0.0499).x;
+        let exact = modulus * 0.01 * 0.02 * 0.03;
+        assert!(
+            (force - exact).abs() < 1e-9 * exact,
+            "{direction:?}: {force} {exact}"
+        );
+    }
+}
+
 /// A confined column under its own weight: u = -rho g (H z - z^2/2) / (lambda + 2 mu).
 #[test]
 fn confined_column_under_its_weight() {
-    let lame = tissue::law::linear::Lame::new(E, NU);
+    let lame = tissue::law::linear::Hooke::new(E, NU);
     let r = reference(&format!(
         r#"{{"name": "column", "mesh": {{"box": {{"size": [0.02, 0.02, 0.1], "cells": [2, 2, 10], "pattern": "kuhn"}}}},
         "materials": [{{"where": {{"all": true}}, "youngModulus": {E}, "poissonRatio": {NU}, "density": 1060}}],

@@ -1,8 +1,8 @@
 //! The linear tetrahedron: one gradient a tetrahedron.
 
-use nalgebra::{Matrix3, SymmetricEigen};
+use nalgebra::{Matrix3, SMatrix, SymmetricEigen};
 
-use crate::law::linear::Lame;
+use crate::law::linear::Hooke;
 use crate::mesh::Vec3;
 
 /// A tetrahedron at rest.
@@ -39,41 +39,31 @@ impl Shape {
     }
 
     /// Internal forces K u \[N\] of the four vertices.
-    pub fn linear_force(&self, lame: &Lame, u: &[Vec3; 4]) -> [Vec3; 4] {
+    pub fn linear_force(&self, law: &Hooke, u: &[Vec3; 4]) -> [Vec3; 4] {
         let grad = self.deformation_gradient(u) - Matrix3::identity();
-        let strain = (grad + grad.transpose()) * 0.5;
-        let mut stress = strain * (2.0 * lame.mu);
-        let pressure = lame.lambda * strain.trace();
-        for axis in 0..3 {
-            stress[(axis, axis)] += pressure;
-        }
+        let stress = law.stress(&((grad + grad.transpose()) * 0.5));
         self.gradient.map(|a| stress * a * self.volume)
     }
 
     /// Largest eigenvalue of M^-1 K of this tetrahedron alone, a quarter of its mass on each vertex
     /// \[1/s²\]. The largest over all tetrahedra bounds that of any assembly of them
     /// (lumped mass), hence of what any cut leaves.
-    pub fn largest_eigenvalue(&self, lame: &Lame, density: f64) -> f64 {
-        // K = V B^T C B has the non-zero eigenvalues of V C^1/2 B B^T C^1/2, 6 x 6. In Mandel's
-        // notation C = 2 mu I + lambda 1 1^T on the first three, so C^1/2 is of the same form.
-        let shear = (2.0 * lame.mu).sqrt();
-        let bulk = ((2.0 * lame.mu + 3.0 * lame.lambda).max(0.0).sqrt() - shear) / 3.0;
+    pub fn largest_eigenvalue(&self, law: &Hooke, density: f64) -> f64 {
+        // K = V B^T C B has the non-zero eigenvalues of V L^T B B^T L, C = L L^T, 6 x 6.
         let half = std::f64::consts::FRAC_1_SQRT_2;
-        let mut scaled = nalgebra::SMatrix::<f64, 6, 12>::zeros();
+        let mut strain = SMatrix::<f64, 6, 12>::zeros();
         for (j, a) in self.gradient.iter().enumerate() {
             for axis in 0..3 {
-                let mut strain = [0.0; 6];
-                strain[axis] = a[axis];
                 let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
-                strain[3 + c] = half * a[b];
-                strain[3 + b] = half * a[c];
-                let trace = bulk * a[axis];
-                for row in 0..6 {
-                    scaled[(row, 3 * j + axis)] =
-                        shear * strain[row] + if row < 3 { trace } else { 0.0 };
-                }
+                strain[(axis, 3 * j + axis)] = a[axis];
+                strain[(3 + c, 3 * j + axis)] = half * a[b];
+                strain[(3 + b, 3 * j + axis)] = half * a[c];
             }
         }
+        let Some(root) = law.mandel().cholesky() else {
+            return f64::INFINITY;
+        };
+        let scaled = root.l().transpose() * strain;
         let gram = scaled * scaled.transpose() * self.volume;
         let largest = SymmetricEigen::new(gram).eigenvalues.max();
         largest / (density * self.volume / 4.0)
@@ -105,18 +95,21 @@ mod tests {
 
     #[test]
     fn stress_form_equals_stiffness_blocks() {
-        let (shape, lame) = (shape(), Lame::new(6000.0, 0.45));
+        let (shape, law) = (
+            shape(),
+            Hooke::new(6000.0, 0.45).with_fibre(Vec3::new(1.0, 2.0, -1.0), 4e4, 9e3),
+        );
         let u = [
             Vec3::new(0.01, -0.02, 0.03),
             Vec3::new(0.02, 0.01, 0.0),
             Vec3::new(-0.03, 0.0, 0.01),
             Vec3::new(0.0, 0.02, -0.01),
         ];
-        let f = shape.linear_force(&lame, &u);
+        let f = shape.linear_force(&law, &u);
         for j in 0..4 {
             let mut sum = Vec3::zeros();
             for k in 0..4 {
-                sum += lame.stiffness_block(shape.volume, &shape.gradient[j], &shape.gradient[k])
+                sum += law.stiffness_block(shape.volume, &shape.gradient[j], &shape.gradient[k])
                     * u[k];
             }
             assert!((sum - f[j]).norm() < 1e-13 * f[j].norm());
@@ -125,17 +118,20 @@ mod tests {
 
     #[test]
     fn reduced_eigenvalue_equals_that_of_the_full_matrix() {
-        let (shape, lame) = (shape(), Lame::new(6000.0, 0.45));
-        let mut k = nalgebra::SMatrix::<f64, 12, 12>::zeros();
+        let (shape, law) = (
+            shape(),
+            Hooke::new(6000.0, 0.45).with_fibre(Vec3::new(1.0, 2.0, -1.0), 4e4, 9e3),
+        );
+        let mut k = SMatrix::<f64, 12, 12>::zeros();
         for i in 0..4 {
             for j in 0..4 {
                 let block =
-                    lame.stiffness_block(shape.volume, &shape.gradient[i], &shape.gradient[j]);
+                    law.stiffness_block(shape.volume, &shape.gradient[i], &shape.gradient[j]);
                 k.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from(&block);
             }
         }
         let full = SymmetricEigen::new(k).eigenvalues.max() / (1000.0 * shape.volume / 4.0);
-        let reduced = shape.largest_eigenvalue(&lame, 1000.0);
+        let reduced = shape.largest_eigenvalue(&law, 1000.0);
         assert!((full - reduced).abs() < 1e-12 * full);
     }
 }

@@ -1,30 +1,59 @@
-//! Hooke's law, isotropic: W = lambda/2 (tr eps)^2 + mu eps:eps  \[J/m³\].
+//! Hooke's law, isotropic or transversely isotropic:
+//!
+//! W = lambda/2 (tr eps)² + mu eps:eps + kappa (a0 . eps a0)²  \[J/m³\], a0 the unit fibre direction.
+//!
+//! (Picinbono, Delingette, Ayache 2003, linear part of the transversely isotropic law.)
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Matrix6, Vector6};
 
 use crate::mesh::Vec3;
 
-/// Lame's parameters \[Pa\].
+/// A linear material \[Pa\].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lame {
+pub struct Hooke {
+    /// Lame's parameters.
     pub lambda: f64,
     pub mu: f64,
+    pub fibre: Option<Fibre>,
 }
 
-impl Lame {
+/// Extra stiffness along one direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fibre {
+    /// a0, of length 1.
+    pub direction: Vec3,
+    /// kappa = (lambda_L - lambda)/2 + mu_L - mu \[Pa\].
+    pub kappa: f64,
+}
+
+impl Hooke {
     /// lambda = E nu / ((1 + nu)(1 - 2 nu)), mu = E / (2 (1 + nu)).
-    pub fn new(young_modulus: f64, poisson_ratio: f64) -> Lame {
-        Lame {
+    pub fn new(young_modulus: f64, poisson_ratio: f64) -> Hooke {
+        Hooke {
             lambda: young_modulus * poisson_ratio
                 / ((1.0 + poisson_ratio) * (1.0 - 2.0 * poisson_ratio)),
             mu: young_modulus / (2.0 * (1.0 + poisson_ratio)),
+            fibre: None,
+        }
+    }
+
+    /// With other parameters lambda_L, mu_L \[Pa\] along a direction of any length but zero.
+    pub fn with_fibre(self, direction: Vec3, lambda: f64, mu: f64) -> Hooke {
+        let kappa = (lambda - self.lambda) / 2.0 + mu - self.mu;
+        Hooke {
+            fibre: Some(Fibre {
+                direction: direction.normalize(),
+                kappa,
+            }),
+            ..self
         }
     }
 
     /// Stiffness block of two vertices of a constant-strain tetrahedron of rest volume V \[m³\] with
-    /// shape gradients a_j, a_k \[1/m\]:
+    /// shape gradients a_j, a_k \[1/m\], s_j = a0 . a_j:
     ///
-    /// K_jk = V \[lambda a_j a_k^T + mu a_k a_j^T + mu (a_j . a_k) I\]  \[N/m\], K_jk = K_kj^T.
+    /// K_jk = V \[lambda a_j a_k^T + mu a_k a_j^T + mu (a_j . a_k) I + 2 kappa s_j s_k a0 a0^T\]  \[N/m\],
+    /// K_jk = K_kj^T.
     ///
     /// Cotin, Delingette, Ayache 1998, eq. 5, corrected: the outer products are transposed there.
     pub fn stiffness_block(&self, volume: f64, a_j: &Vec3, a_k: &Vec3) -> Matrix3<f64> {
@@ -34,7 +63,58 @@ impl Lame {
         for axis in 0..3 {
             block[(axis, axis)] += shear;
         }
+        if let Some(Fibre { direction, kappa }) = &self.fibre {
+            let both = direction.dot(a_j) * direction.dot(a_k);
+            block += direction * direction.transpose() * (2.0 * volume * kappa * both);
+        }
         block
+    }
+
+    /// sigma = lambda tr(eps) I + 2 mu eps + 2 kappa (a0 . eps a0) a0 a0^T \[Pa\].
+    pub fn stress(&self, strain: &Matrix3<f64>) -> Matrix3<f64> {
+        let mut stress = strain * (2.0 * self.mu);
+        let pressure = self.lambda * strain.trace();
+        for axis in 0..3 {
+            stress[(axis, axis)] += pressure;
+        }
+        if let Some(Fibre { direction, kappa }) = &self.fibre {
+            let stretch = direction.dot(&(strain * direction));
+            stress += direction * direction.transpose() * (2.0 * kappa * stretch);
+        }
+        stress
+    }
+
+    /// C in Mandel's notation (xx yy zz, sqrt 2 times yz zx xy) \[Pa\]; positive definite for a stable
+    /// material.
+    pub fn mandel(&self) -> Matrix6<f64> {
+        let mut c = Matrix6::identity() * (2.0 * self.mu);
+        for row in 0..3 {
+            for column in 0..3 {
+                c[(row, column)] += self.lambda;
+            }
+        }
+        if let Some(Fibre {
+            direction: a,
+            kappa,
+        }) = &self.fibre
+        {
+            let root = std::f64::consts::SQRT_2;
+            let m = Vector6::new(
+                a.x * a.x,
+                a.y * a.y,
+                a.z * a.z,
+                root * a.y * a.z,
+                root * a.z * a.x,
+                root * a.x * a.y,
+            );
+            c += m * m.transpose() * (2.0 * kappa);
+        }
+        c
+    }
+
+    /// Whether every strain costs energy.
+    pub fn is_stable(&self) -> bool {
+        self.mandel().cholesky().is_some()
     }
 }
 
@@ -44,20 +124,35 @@ mod tests {
 
     #[test]
     fn lame_parameters_of_liver() {
-        let lame = Lame::new(6000.0, 0.45);
-        assert!((lame.lambda - 18_620.689_655_172_413).abs() < 1e-9);
-        assert!((lame.mu - 2_068.965_517_241_379).abs() < 1e-9);
+        let law = Hooke::new(6000.0, 0.45);
+        assert!((law.lambda - 18_620.689_655_172_413).abs() < 1e-9);
+        assert!((law.mu - 2_068.965_517_241_379).abs() < 1e-9);
     }
 
     #[test]
     fn blocks_transpose_into_each_other() {
         let (a, b) = (Vec3::new(1.0, 2.0, -3.0), Vec3::new(0.5, -4.0, 2.0));
-        let lame = Lame {
-            lambda: 3.0,
-            mu: 2.0,
-        };
-        let forth = lame.stiffness_block(0.7, &a, &b);
-        let back = lame.stiffness_block(0.7, &b, &a).transpose();
+        let law = Hooke::new(3.0, 0.3).with_fibre(Vec3::new(1.0, 1.0, 0.2), 9.0, 4.0);
+        let forth = law.stiffness_block(0.7, &a, &b);
+        let back = law.stiffness_block(0.7, &b, &a).transpose();
         assert!((forth - back).norm() < 1e-15 * forth.norm());
+    }
+
+    /// Along the fibre lambda_L + 2 mu_L, across it lambda + 2 mu: confined stretches.
+    #[test]
+    fn fibre_stiffens_its_own_direction_only() {
+        let law = Hooke::new(6000.0, 0.3).with_fibre(Vec3::new(0.0, 0.0, 2.0), 9000.0, 7000.0);
+        let along = law.stress(&Matrix3::from_diagonal(&Vec3::z()));
+        let across = law.stress(&Matrix3::from_diagonal(&Vec3::x()));
+        assert!((along[(2, 2)] - (9000.0 + 2.0 * 7000.0)).abs() < 1e-9);
+        assert!((along[(0, 0)] - law.lambda).abs() < 1e-9);
+        assert!((across[(0, 0)] - (law.lambda + 2.0 * law.mu)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_fibre_softer_than_nothing_is_unstable() {
+        let law = Hooke::new(6000.0, 0.3);
+        assert!(law.is_stable() && law.with_fibre(Vec3::x(), 0.0, 2000.0).is_stable());
+        assert!(!law.with_fibre(Vec3::x(), -9000.0, 100.0).is_stable());
     }
 }

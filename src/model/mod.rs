@@ -9,7 +9,7 @@ pub mod sweep;
 pub mod tensor_mass;
 
 use crate::element::constant_strain::Shape;
-use crate::law::linear::Lame;
+use crate::law::linear::Hooke;
 use crate::live::{LiveMesh, component_labels};
 use crate::mesh::check::MeshReport;
 use crate::mesh::topology::{NONE, Topology};
@@ -32,7 +32,7 @@ pub const DAMPING_IN_LOWEST_FREQUENCIES: f64 = 1.5;
 /// One entry of the scene's materials.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MaterialLaw {
-    pub lame: Lame,
+    pub law: Hooke,
     /// \[kg/m³\]
     pub density: f64,
 }
@@ -227,7 +227,7 @@ impl Model {
         let element_bound = (0..self.shape.len())
             .map(|t| {
                 let material = self.material(t);
-                self.shape[t].largest_eigenvalue(&material.lame, material.density)
+                self.shape[t].largest_eigenvalue(&material.law, material.density)
             })
             .fold(0.0, f64::max)
             .sqrt();
@@ -399,8 +399,19 @@ fn assign_materials(
         )? {
             of[t as usize] = k as u32;
         }
+        let mut law = Hooke::new(material.young_modulus, material.poisson_ratio);
+        if let Some(fibre) = &material.fibre {
+            law = law.with_fibre(Vec3::from(fibre.direction), fibre.lambda, fibre.mu);
+        }
+        if !law.is_stable() {
+            return Err(SceneError::at(
+                file,
+                format!("materials[{k}].fibre"),
+                "makes some strains release energy; lambda and mu along the fibre must be larger",
+            ));
+        }
         laws.push(MaterialLaw {
-            lame: Lame::new(material.young_modulus, material.poisson_ratio),
+            law,
             density: material.density,
         });
     }

@@ -7,7 +7,7 @@
 use nalgebra::Matrix3;
 
 use crate::element::constant_strain::Shape;
-use crate::law::linear::Lame;
+use crate::law::linear::Hooke;
 use crate::mesh::Vec3;
 
 /// Three numbers and a zero, aligned for a 32-byte load.
@@ -117,7 +117,7 @@ impl Tensors {
         pattern: &Pattern,
         nodes: &[u32; 4],
         shape: &Shape,
-        lame: &Lame,
+        law: &Hooke,
         sign: f64,
     ) {
         for j in 0..4 {
@@ -128,7 +128,7 @@ impl Tensors {
                 let Some(place) = pattern.place(nodes[j], nodes[k]) else {
                     continue;
                 };
-                let block = lame.stiffness_block(
+                let block = law.stiffness_block(
                     sign * shape.volume,
                     &shape.gradient[j],
                     &shape.gradient[k],

@@ -36,15 +36,6 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
         (scene.tearing.is_some(), text("tearing"), text("tearing"), "remove it"),
         (!format.eq_ignore_ascii_case("msh"), text("mesh.file"), format!("the mesh format .{format}"), "use .msh"),
     ];
-    for (i, material) in scene.materials.iter().enumerate() {
-        let path = format!("materials[{i}].fibre");
-        table.push((
-            material.fibre.is_some(),
-            path,
-            text("a fibre direction"),
-            "remove it",
-        ));
-    }
     for (i, tool) in scene.tools.iter().enumerate() {
         let path = |key: &str| format!("tools[{i}].{key}");
         let (compound, slips) = (
