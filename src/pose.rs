@@ -88,9 +88,10 @@ pub struct Path {
     substep: f64,
 }
 
-/// Two numbers that a host means to be equal: apart by no more than its round-off.
-fn same(a: f64, b: f64) -> bool {
-    (a - b).abs() <= 1e-12 * (a.abs() + b.abs()) + 1e-18
+/// Two numbers that a host means to be equal: apart by no more than the round-off of numbers of a
+/// size that led to them.
+fn same(a: f64, b: f64, size: f64) -> bool {
+    (a - b).abs() <= 1e-12 * (a.abs() + b.abs() + size)
 }
 
 impl Path {
@@ -109,19 +110,19 @@ impl Path {
             let Some(rate) = input.rate[axis] else {
                 return Coordinate::Ramp { last, value };
             };
-            if !same(last, value) {
-                return Coordinate::Blend { last, value, rate };
-            }
-            match lines[axis] {
-                Some(line) if line.rate == rate && line.substep == substep => {
-                    Coordinate::Line(line)
-                }
-                _ => Coordinate::Line(Line {
+            let line = match lines[axis] {
+                Some(line) if line.rate == rate && line.substep == substep => line,
+                _ => Line {
                     origin: last,
                     rate,
                     substep,
                     ticks: 0,
-                }),
+                },
+            };
+            if same(last, value, line.origin.abs() + (rate * length).abs()) {
+                Coordinate::Line(line)
+            } else {
+                Coordinate::Blend { last, value, rate }
             }
         });
         let mut end = [

@@ -171,7 +171,7 @@ mod tests {
             let mut block = (types.len() as u64).to_le_bytes().to_vec();
             block.extend(types);
             assert!(text.contains(&head) && text.contains(&base64::encode(&block)));
-            assert!(text.contains("Name=\"a&lt;b\" format"));
+            assert!(text.contains("Name=\"a&lt;b\" NumberOfComponents"));
             assert!(text.contains("Name=\"u\" NumberOfComponents=\"3\""));
             assert_eq!(
                 text.matches("<DataArray").count(),

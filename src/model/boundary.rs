@@ -125,6 +125,12 @@ impl Boundary {
         Ok(boundary)
     }
 
+    /// Full values from time 0: what an equilibrium at the start is that of.
+    pub fn end_ramps(&mut self) {
+        self.prescribed.iter_mut().for_each(|p| p.ramp = [0.0; 3]);
+        self.loads.iter_mut().for_each(|l| l.ramp = 0.0);
+    }
+
     /// Loads on one node.
     pub fn loads_on(&self, node: u32) -> &[LoadedNode] {
         let from = self.loads.partition_point(|l| l.node < node);

@@ -108,7 +108,10 @@ impl Model {
         let report =
             mesh::check::repair(&mut mesh).map_err(|e| ModelError::Mesh(file.to_string(), e))?;
         let (materials, material_of) = assign_materials(&scene, &mesh, file)?;
-        let boundary = Boundary::new(&scene, &mesh, file)?;
+        let mut boundary = Boundary::new(&scene, &mesh, file)?;
+        if scene.start == Start::Equilibrium {
+            boundary.end_ramps();
+        }
         let mut cuts = Vec::new();
         for (k, cut) in scene.cuts.iter().enumerate() {
             let path = format!("cuts[{k}].where");

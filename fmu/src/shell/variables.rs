@@ -169,6 +169,12 @@ fn acceptable(at: &Variable, value: f64) -> Outcome {
     let Value::Real { unit, min, max, .. } = at.row.value else {
         return Err(error(at.wrong_type("Set")));
     };
+    if !value.is_finite() {
+        return Err(discard(format!(
+            "{} = {value} is not a finite number; the old value is kept",
+            at.name()
+        )));
+    }
     if min.is_some_and(|min| value < min) || max.is_some_and(|max| value > max) {
         let least = min.map(|min| format!(" at least {min} {unit}"));
         let most = max.map(|max| format!(" at most {max} {unit}"));
@@ -177,12 +183,6 @@ fn acceptable(at: &Variable, value: f64) -> Outcome {
             "{} = {value} {unit} is out of range; it must be{}",
             at.name(),
             range.join(" and")
-        )));
-    }
-    if !value.is_finite() {
-        return Err(discard(format!(
-            "{} = {value} is not a finite number; the old value is kept",
-            at.name()
         )));
     }
     Ok(())

@@ -1,0 +1,69 @@
+"""Meshes made here, so that nobody's mesher is trusted: (nodes, tetrahedra), metres, from 0."""
+
+from itertools import permutations
+
+import numpy as np
+from scipy.spatial import Delaunay
+from skfem import MeshTet
+
+
+def volumes(nodes, tetrahedra):
+    a, b, c, d = (nodes[tetrahedra[:, k]] for k in range(4))
+    return np.einsum("ti,ti->t", np.cross(b - a, c - a), d - a) / 6
+
+
+def oriented(nodes, tetrahedra):
+    """The same tetrahedra, all of positive volume."""
+    tetrahedra = np.array(tetrahedra)
+    flip = volumes(nodes, tetrahedra) < 0
+    tetrahedra[flip, :2] = tetrahedra[flip, 1::-1]
+    return nodes, tetrahedra
+
+
+def kuhn(size, cells, jitter=0.0, seed=1):
+    """A box, six tetrahedra a cell; inner nodes moved by `jitter` of a cell."""
+    nx, ny, nz = cells
+    axes = [np.linspace(0, s, n + 1) for s, n in zip(size, cells)]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    number = np.arange(len(nodes)).reshape(nx + 1, ny + 1, nz + 1)
+    corner = number[:-1, :-1, :-1].ravel()
+    stride = [(ny + 1) * (nz + 1), nz + 1, 1]
+    tetrahedra = []
+    for order in permutations(range(3)):
+        walk = np.cumsum([0] + [stride[axis] for axis in order])
+        tetrahedra.append(corner[:, None] + walk)
+    if jitter:
+        inner = np.all((nodes > 0) & (nodes < np.array(size)), axis=1)
+        spread = jitter * np.array(size) / np.array(cells)
+        nodes[inner] += np.random.default_rng(seed).uniform(-1, 1, (inner.sum(), 3)) * spread
+    return oriented(nodes, np.concatenate(tetrahedra))
+
+
+def tensor(size, cells):
+    """A box by scikit-fem's own division of a cell."""
+    mesh = MeshTet.init_tensor(*(np.linspace(0, s, n + 1) for s, n in zip(size, cells)))
+    return oriented(mesh.p.T.copy(), mesh.t.T.copy())
+
+
+def delaunay(size, cells, seed=2):
+    """A box of irregular tetrahedra, flat ones left out."""
+    nodes, _ = kuhn(size, cells, jitter=0.25, seed=seed)
+    nodes, tetrahedra = oriented(nodes, Delaunay(nodes, qhull_options="QJ Pp").simplices.astype(int))
+    cell = np.prod(np.array(size) / np.array(cells))
+    return nodes, tetrahedra[volumes(nodes, tetrahedra) > 0.01 * cell]
+
+
+def refined(size):
+    """One cube divided twice by scikit-fem: nodes of very different stars."""
+    mesh = MeshTet().refined(2)
+    return oriented(mesh.p.T * np.array(size), mesh.t.T.copy())
+
+
+def inside(points, low, high, tolerance=1e-9):
+    """Numbers of the points in a box."""
+    low, high = np.array(low) - tolerance, np.array(high) + tolerance
+    return np.flatnonzero(np.all((points >= low) & (points <= high), axis=1))
+
+
+def centroids(nodes, tetrahedra):
+    return nodes[tetrahedra].mean(axis=1)
