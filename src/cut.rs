@@ -20,7 +20,8 @@ pub fn remove(model: &Model, state: &mut State, t: u32) {
     let mass = nodes.map(|i| state.live.mass[i]);
     let external = nodes.map(|i| state.external[i].xyz());
     state.live.remove(model, t);
-    let (h, c) = (state.clock.substep, state.parameters.damping);
+    let h = state.clock.lag;
+    let c = model.lagging_damping(state.parameters.damping);
     let mut lost = 0.0;
     for k in 0..4 {
         let i = nodes[k];

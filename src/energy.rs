@@ -6,13 +6,15 @@
 //!
 //! work of tools and supports by the trapezoid, h/2 (v_{n-1/2} + v_{n+1/2}) . lambda_n a point, with
 //! lambda_n = M (v_{n+1/2} - v_{n-1/2})/h - r_n the force that holds a node on its path. At the end of a
+//! With central difference damping is booked by the trapezoid, too. At the end of a
 //! step v_{n+1/2} is not known yet for held nodes; any lambda_n gives the same balance there, and the
 //! one without inertia, -r_n, is used.
 
 use crate::mesh::Vec3;
 use crate::model::Model;
-use crate::model::sweep::{Motion, sweep};
+use crate::model::sweep::{Advance, Motion, sweep};
 use crate::model::tensor_mass::Lane;
+use crate::scene::Scheme;
 use crate::state::State;
 
 /// Running sums \[J\].
@@ -24,6 +26,8 @@ pub struct Account {
     pub support_work: f64,
     /// By damping, and what cuts and attaches lose.
     pub dissipated: f64,
+    /// Net gain of energy by substeps of changing length, booked in `dissipated` with the sign turned.
+    pub made: f64,
     /// The balance at the start.
     pub start: f64,
     /// Haptic ticks in a row on which the residual was too large.
@@ -90,10 +94,9 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Energy {
             inverse_mass: &state.inverse_mass,
             mass: &state.live.mass,
         },
-        0.0,
-        state.parameters.damping,
+        &Advance::symplectic_euler(0.0, 0.0, state.parameters.damping),
     );
-    let half = 0.5 * state.clock.substep;
+    let half = 0.5 * state.clock.lag;
     // Power of the residual on free degrees of freedom, and gravity's moment.
     let (mut power, mut moment) = (0.0, Vec3::zeros());
     for i in 0..scratch.residual.len() {
@@ -119,6 +122,10 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Energy {
         support_work: state.account.support_work,
         dissipated: state.account.dissipated,
     };
+    if model.scene.integration.scheme == Scheme::CentralDifference {
+        // The trailing half of what damping takes at this point.
+        energy.dissipated += half * state.parameters.damping * sums.lagging;
+    }
     for held in &state.held {
         let i = held.node as usize;
         let (v, r) = (&state.velocity[i].0, &scratch.residual[i].0);

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use crate::model::sweep::{Motion, sweep};
+use crate::model::sweep::{Advance, Motion, sweep};
 use crate::model::tensor_mass::Lane;
 use crate::model::{Model, critical_step};
 
@@ -187,7 +187,12 @@ fn time_substep(model: &Model) -> f64 {
                 inverse_mass: &inverse_mass,
                 mass: &model.whole.mass,
             };
-            sweep(&model.pattern, &model.whole.tensors, &mut motion, 1e-3, 1.0);
+            sweep(
+                &model.pattern,
+                &model.whole.tensors,
+                &mut motion,
+                &Advance::symplectic_euler(1e-3, 1e-3, 1.0),
+            );
             start.elapsed().as_secs_f64()
         })
         .collect();

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::energy::{self, Energy};
 use crate::mesh::Vec3;
 use crate::model::{Model, ModelError};
-use crate::scene::Scene;
+use crate::scene::{Scene, Start};
 use crate::snapshot::{self, SnapshotError};
 use crate::state::{Parameters, State, ToolState};
 use crate::step::{self, StepError, Workspace};
@@ -25,7 +25,6 @@ pub struct Simulation {
     original: Arc<Model>,
     /// Changed by parameters that need a new model, until [`Simulation::rebuild`].
     pending: Option<Box<Scene>>,
-    damping_set: bool,
 }
 
 /// What a host may change of a material before the start.
@@ -51,7 +50,6 @@ impl Simulation {
             pieces: None,
             halvings: 0,
             pending: None,
-            damping_set: false,
         }
     }
 
@@ -80,6 +78,11 @@ impl Simulation {
     /// Makes the model anew where the scene was changed, keeping inputs and parameters that were set.
     /// Returns whether it had to.
     pub fn rebuild(&mut self) -> Result<bool, ModelError> {
+        let gravity = self.state.parameters.gravity;
+        let starts_settled = self.model.scene.start == Start::Equilibrium;
+        if starts_settled && self.pending_scene().gravity != gravity {
+            self.change_scene(|scene| scene.gravity = gravity);
+        }
         let Some(scene) = self.pending.take() else {
             return Ok(false);
         };
@@ -98,7 +101,7 @@ impl Simulation {
         for axis in 0..3 {
             self.set_gravity(axis, old.parameters.gravity[axis]);
         }
-        if self.damping_set {
+        if old.parameters.damping_set {
             self.set_damping(old.parameters.damping);
         }
         Ok(true)
@@ -115,7 +118,6 @@ impl Simulation {
     /// Back to time 0, inputs and parameters at their start values.
     pub fn reset(&mut self) {
         self.pending = None;
-        self.damping_set = false;
         self.halvings = 0;
         self.pieces = None;
         if !Arc::ptr_eq(&self.model, &self.original) {
@@ -187,7 +189,7 @@ impl Simulation {
     /// \[m/s²\]. The change of the potential counts as work of the supports.
     pub fn set_gravity(&mut self, axis: usize, value: f64) {
         let change = value - self.state.parameters.gravity[axis];
-        let half = 0.5 * self.state.clock.substep;
+        let half = 0.5 * self.state.clock.lag;
         let State {
             live,
             displacement,
@@ -209,16 +211,19 @@ impl Simulation {
 
     /// \[1/s\]; the substep follows its critical value.
     pub fn set_damping(&mut self, value: f64) {
-        self.damping_set = true;
-        let change = value - self.state.parameters.damping;
+        self.state.parameters.damping_set = true;
+        let change = self
+            .model
+            .lagging_damping(value - self.state.parameters.damping);
         let twice_kinetic: f64 = (self.state.live.mass.iter().zip(&self.state.velocity))
             .map(|(m, v)| m * v.xyz().norm_squared())
             .sum();
-        self.state.account.dissipated += 0.5 * self.state.clock.substep * change * twice_kinetic;
+        self.state.account.dissipated += 0.5 * self.state.clock.lag * change * twice_kinetic;
         self.state.parameters.damping = value;
-        self.state.nominal_substep = self.model.substep(value);
+        self.state.nominal_substep = step::nominal_substep(&self.model, &self.state);
         if self.state.clock.total == 0 {
             self.state.clock.substep = self.state.nominal_substep;
+            self.state.clock.lag = self.state.nominal_substep;
         }
         self.forget();
         self.restart_account();

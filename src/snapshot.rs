@@ -13,7 +13,7 @@ use crate::model::{Fnv, Model};
 use crate::pose::{Line, Pose, PoseInput};
 use crate::state::{Clock, Parameters, State, ToolState};
 
-const MAGIC: &[u8; 8] = b"tissueS1";
+const MAGIC: &[u8; 8] = b"tissueS2";
 
 /// Why bytes are not a state of this model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -186,13 +186,16 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
         account.tool_work,
         account.support_work,
         account.dissipated,
+        account.made,
         account.start,
     ]);
     out.int(u64::from(account.strikes));
     out.reals(state.parameters.gravity);
     out.real(state.parameters.damping);
+    out.int(u64::from(state.parameters.damping_set));
     out.int(state.cuts_done as u64);
     out.reals([state.since_haptic, state.nominal_substep]);
+    out.int(u64::from(state.uneven));
     let mut check = Fnv::default();
     check.write(&out.0);
     out.int(check.0);
@@ -212,10 +215,10 @@ pub fn size(state: &State) -> usize {
         + 1
         + 8 * state.released.len()
         + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1) * state.tools.len()
+        + 6
         + 5
-        + 4
         + 1
-        + 2
+        + 3
         + 1;
     8 * words
 }
@@ -243,6 +246,7 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     state.clock = Clock {
         anchor,
         substep,
+        lag: substep,
         ticks: input.int()?,
         total: input.int()?,
     };
@@ -282,21 +286,24 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     for tool in &mut state.tools {
         *tool = read_tool(&mut input)?;
     }
-    let [tool_work, support_work, dissipated, start] = input.reals()?;
+    let [tool_work, support_work, dissipated, made, start] = input.reals()?;
     let strikes = input.int()? as u32;
     state.account = Account {
         tool_work,
         support_work,
         dissipated,
+        made,
         start,
         strikes,
     };
     state.parameters = Parameters {
         gravity: input.reals()?,
         damping: input.real()?,
+        damping_set: input.flag()?,
     };
     state.cuts_done = input.index(model.cuts.len() + 1)?;
     [state.since_haptic, state.nominal_substep] = input.reals()?;
+    state.uneven = input.flag()?;
     if !input.0.is_empty() {
         return Err(SnapshotError::Damaged);
     }

@@ -18,6 +18,8 @@ pub struct Clock {
     pub ticks: u64,
     /// Length of the present, or last, substep h \[s\].
     pub substep: f64,
+    /// Length of the substep that was last made \[s\]; velocities are half of it behind.
+    pub lag: f64,
     /// Substeps since the start.
     pub total: u64,
 }
@@ -36,6 +38,8 @@ pub struct Parameters {
     pub gravity: [f64; 3],
     /// \[1/s\], mass-proportional.
     pub damping: f64,
+    /// Whether the host has set it: then it outlives a change of the model.
+    pub damping_set: bool,
 }
 
 /// One tool: what the host says, where it is, what it feels.
@@ -83,6 +87,8 @@ pub struct State {
     pub since_haptic: f64,
     /// Substep that steps are divided by \[s\].
     pub nominal_substep: f64,
+    /// Communication steps have not all been divided into substeps of one length.
+    pub uneven: bool,
 }
 
 impl State {
@@ -92,11 +98,13 @@ impl State {
         let parameters = Parameters {
             gravity: model.scene.gravity,
             damping: model.damping(),
+            damping_set: false,
         };
         let nominal_substep = model.substep(parameters.damping);
         let mut state = State {
             clock: Clock {
                 substep: nominal_substep,
+                lag: nominal_substep,
                 ..Clock::default()
             },
             displacement: model
@@ -116,6 +124,7 @@ impl State {
             cuts_done: 0,
             since_haptic: f64::INFINITY,
             nominal_substep,
+            uneven: false,
         };
         state.reserve(model);
         for (k, prescribed) in model.boundary.prescribed.iter().enumerate() {
@@ -219,6 +228,7 @@ impl State {
         self.cuts_done = other.cuts_done;
         self.since_haptic = other.since_haptic;
         self.nominal_substep = other.nominal_substep;
+        self.uneven = other.uneven;
     }
 }
 

@@ -204,7 +204,7 @@ fn each_mistake_has_its_line() {
         ("/model/nonlinearThreshold", "0.001", "model.nonlinearThreshold: a non-linear threshold is not available in this version; use 0"),
         ("/model/incompressibility", "1000", "model.incompressibility: a volume penalty is not available in this version; use 0"),
         ("/model/element", r#""nodalAveraged""#, "model.element: nodalAveraged is not available in this version; use constantStrain"),
-        ("/integration/scheme", r#""rungeKutta4""#, "integration.scheme: rungeKutta4 is not available in this version; use symplecticEuler"),
+        ("/integration/scheme", r#""rungeKutta4""#, "integration.scheme: rungeKutta4 is not available in this version; use symplecticEuler or centralDifference"),
         ("/cutting/rule", r#""duplicate""#, "cutting.rule: duplicate is not available in this version; use remove"),
         ("/tearing", r#"{"criterion": "volume", "threshold": 0.3}"#, "tearing: tearing is not available in this version; remove it"),
         ("/mesh", r#"{"file": "liver.vtu"}"#, "mesh.file: the mesh format .vtu is not available in this version; use .msh"),

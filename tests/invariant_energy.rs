@@ -20,7 +20,14 @@ fn largest(e: &Energy) -> f64 {
 
 #[test]
 fn balance_closes_to_round_off_through_press_grasp_cut_and_drop() {
-    let mut s = common::simulation(common::BAR);
+    for scheme in ["symplecticEuler", "centralDifference"] {
+        press_grasp_cut_and_drop(scheme);
+    }
+}
+
+fn press_grasp_cut_and_drop(scheme: &str) {
+    let integration = format!(r#""integration": {{"scheme": "{scheme}"}}, "tools""#);
+    let mut s = common::simulation(&common::BAR.replace("\"tools\"", &integration));
     let (mut scale, mut touched, mut grasped) = (0.0f64, 0, 0);
     for k in 0..1200 {
         common::script(&mut s, f64::from(k) * 1e-3);
@@ -41,10 +48,11 @@ fn balance_closes_to_round_off_through_press_grasp_cut_and_drop() {
 
 #[test]
 fn balance_closes_with_loads_prescribed_nodes_uniform_mass_and_uneven_steps() {
-    for (mass, kept) in [
-        ("lumped", "removed"),
-        ("uniform", "removed"),
-        ("lumped", "kept"),
+    for (mass, kept, scheme) in [
+        ("lumped", "removed", "symplecticEuler"),
+        ("uniform", "removed", "symplecticEuler"),
+        ("lumped", "kept", "symplecticEuler"),
+        ("lumped", "removed", "centralDifference"),
     ] {
         let text = common::BAR.replace(
             "\"tools\"",
@@ -54,7 +62,7 @@ fn balance_closes_with_loads_prescribed_nodes_uniform_mass_and_uneven_steps() {
                 "loads": [{{"where": {{"box": {{"min": [0.1, 0, 0.02], "max": [0.1, 1, 0.02]}}}},
                 "force": [0, 0.001, 0.002], "ramp": 0.15}}],
                 "cuts": [{{"time": 0.1, "where": {{"box": {{"min": [0.03, 0, 0.015], "max": [0.035, 1, 1]}}}}}}],
-                "integration": {{"mass": "{mass}", "damping": 4}}, "cutting": {{"mass": "{kept}"}}, "tools""#
+                "integration": {{"mass": "{mass}", "damping": 4, "scheme": "{scheme}"}}, "cutting": {{"mass": "{kept}"}}, "tools""#
             ),
         );
         let mut s = common::simulation(&text);

@@ -15,15 +15,22 @@ use crate::mesh::check::MeshReport;
 use crate::mesh::topology::{NONE, Topology};
 use crate::mesh::{self, MeshError, TetMesh, Vec3};
 use crate::scene::{
-    CutMass, Mass, OutputVertices, Scene, SceneError, Selector, Start, ToolKind, select_tetrahedra,
+    CutMass, Mass, OutputVertices, Scene, SceneError, Scheme, Selector, Start, ToolKind,
+    select_tetrahedra,
 };
 use crate::statics::StaticsError;
 use boundary::Boundary;
 use spectrum::Spectrum;
+use sweep::Advance;
 use tensor_mass::Pattern;
 
 /// Share of the critical step that a chosen substep may use.
 pub const STEP_MARGIN: f64 = 0.9;
+
+/// The same where substeps are not all of one length: two lengths a, b in turn feed a mode where
+/// (omega a + omega b)² - (omega a omega b)² > 4, far below the critical step; at half of it no pattern
+/// of two does.
+pub const UNEVEN_STEP_MARGIN: f64 = 0.5;
 
 /// Default damping in units of the lowest angular frequency: fastest to equilibrium
 /// (0.75 of critical; see the equations of the manual).
@@ -278,13 +285,43 @@ impl Model {
 
     /// Largest stable substep \[s\] at a damping \[1/s\].
     pub fn critical_step(&self, damping: f64) -> f64 {
-        critical_step::symplectic_euler(self.limiting_frequency(), damping)
+        self.critical_step_at(self.limiting_frequency(), damping)
+    }
+
+    /// The same for a mesh of another highest angular frequency \[1/s\].
+    pub(crate) fn critical_step_at(&self, omega: f64, damping: f64) -> f64 {
+        match self.scene.integration.scheme {
+            Scheme::CentralDifference => critical_step::central_difference(omega),
+            _ => critical_step::symplectic_euler(omega, damping),
+        }
+    }
+
+    /// The part of damping \[1/s\] that acts on the lagging velocity alone: none of central
+    /// difference's.
+    pub(crate) fn lagging_damping(&self, damping: f64) -> f64 {
+        match self.scene.integration.scheme {
+            Scheme::CentralDifference => 0.0,
+            _ => damping,
+        }
+    }
+
+    /// One substep by the scene's scheme after one of length `before` \[s\].
+    pub(crate) fn advance(&self, before: f64, substep: f64, damping: f64) -> Advance {
+        match self.scene.integration.scheme {
+            Scheme::CentralDifference => Advance::central_difference(before, substep, damping),
+            _ => Advance::symplectic_euler(before, substep, damping),
+        }
     }
 
     /// The scene's substep, or the longest whole divisor of the haptic period that is stable with margin \[s\].
     pub fn substep(&self, damping: f64) -> f64 {
+        self.substep_within(STEP_MARGIN, damping)
+    }
+
+    /// The same with another share of the critical step.
+    pub fn substep_within(&self, margin: f64, damping: f64) -> f64 {
         let period = 1.0 / self.scene.integration.haptic_rate;
-        let limit = STEP_MARGIN * self.critical_step(damping);
+        let limit = margin * self.critical_step(damping);
         let parts = match self.scene.integration.substep {
             Some(substep) => (period / substep).round(),
             None => (period / limit - 1e-9).ceil(),
@@ -448,7 +485,12 @@ fn neighbours(mesh: &TetMesh) -> Vec<Vec<u32>> {
 /// FNV-1a over the scene as written and the mesh.
 fn fingerprint(scene: &Scene, mesh: &TetMesh) -> u64 {
     let mut hash = Fnv::default();
-    if let Ok(text) = serde_json::to_vec(scene) {
+    // Gravity is the host's to change, and part of the state.
+    let scene = Scene {
+        gravity: [0.0; 3],
+        ..scene.clone()
+    };
+    if let Ok(text) = serde_json::to_vec(&scene) {
         hash.write(&text);
     }
     for p in &mesh.nodes {

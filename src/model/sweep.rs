@@ -6,6 +6,10 @@
 //!
 //! r_n = f_ext - K u_n - c M v_{n-1/2};  v_{n+1/2} = v_{n-1/2} + h M^-1 r_n;  u_{n+1} = u_n + h v_{n+1/2}
 //!
+//! Central difference is the same with damping at the mean velocity, which only scales the gain:
+//! M (v_{n+1/2} - v_{n-1/2})/h = f_ext - K u_n - c M (v_{n-1/2} + v_{n+1/2})/2 gives
+//! v_{n+1/2} = v_{n-1/2} + h/(1 + c h/2) M^-1 r_n.
+//!
 //! A degree of freedom whose inverse mass is given as 0 keeps its velocity.
 
 use super::tensor_mass::{Lane, Pattern, Tensors};
@@ -28,6 +32,38 @@ pub struct Motion<'a> {
     pub mass: &'a [f64],
 }
 
+/// One substep's numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Advance {
+    /// Length h \[s\].
+    pub substep: f64,
+    /// What M^-1 r_n is multiplied by \[s\]: k, or k/(1 + c k/2) for central difference, where the kick
+    /// k goes from the middle of the substep before to the middle of this one.
+    pub gain: f64,
+    /// c \[1/s\], mass-proportional.
+    pub damping: f64,
+}
+
+impl Advance {
+    /// `before`: length of the substep before \[s\].
+    pub fn symplectic_euler(before: f64, substep: f64, damping: f64) -> Advance {
+        Advance {
+            substep,
+            gain: 0.5 * (before + substep),
+            damping,
+        }
+    }
+
+    pub fn central_difference(before: f64, substep: f64, damping: f64) -> Advance {
+        let kick = 0.5 * (before + substep);
+        Advance {
+            substep,
+            gain: kick / (1.0 + 0.5 * damping * kick),
+            damping,
+        }
+    }
+}
+
 /// Sums over all nodes at the substep's start.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sums {
@@ -37,12 +73,14 @@ pub struct Sums {
     pub kinetic: f64,
     /// v_{n+1/2} . M (v_{n-1/2} + v_{n+1/2}); times c h/2 the energy damping takes in this substep \[J\]
     pub damping: f64,
+    /// v_{n-1/2} . M v_{n-1/2} \[J\]
+    pub lagging: f64,
     /// f_ext . u_n \[J\]
     pub external: f64,
 }
 
-/// Runs one substep of length h \[s\] with mass-proportional damping c \[1/s\].
-pub fn sweep(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, h: f64, c: f64) -> Sums {
+/// Runs one substep.
+pub fn sweep(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, by: &Advance) -> Sums {
     let n = pattern.nodes();
     let lengths = [
         m.displacement.len(),
@@ -58,13 +96,18 @@ pub fn sweep(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, h: f64, c: f6
     if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma") {
         // SAFETY: the features are there; lengths are checked above, columns are below n by
         // construction of Pattern.
-        return unsafe { avx2(pattern, tensors, m, h, c) };
+        return unsafe { avx2(pattern, tensors, m, by) };
     }
-    plain(pattern, tensors, m, h, c)
+    plain(pattern, tensors, m, by)
 }
 
 /// The same in plain code, for machines without AVX2 and as the fast form's oracle.
-pub fn plain(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, h: f64, c: f64) -> Sums {
+pub fn plain(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, by: &Advance) -> Sums {
+    let Advance {
+        substep: h,
+        gain,
+        damping: c,
+    } = *by;
     let mut sums = Sums::default();
     for i in 0..pattern.nodes() {
         let u_i = m.displacement[i].0;
@@ -90,10 +133,11 @@ pub fn plain(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, h: f64, c: f6
         for axis in 0..3 {
             let v = m.velocity[i].0[axis];
             let r = m.external[i].0[axis] - internal[axis] - c * mass * v;
-            let v_new = v + h * m.inverse_mass[i].0[axis] * r;
+            let v_new = v + gain * m.inverse_mass[i].0[axis] * r;
             sums.elastic += u_i[axis] * internal[axis];
             sums.kinetic += mass * v * v_new;
             sums.damping += mass * v_new * (v + v_new);
+            sums.lagging += mass * v * v;
             sums.external += m.external[i].0[axis] * u_i[axis];
             m.residual[i].0[axis] = r;
             m.velocity[i].0[axis] = v_new;
@@ -105,7 +149,7 @@ pub fn plain(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, h: f64, c: f6
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-unsafe fn avx2(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, h: f64, c: f64) -> Sums {
+unsafe fn avx2(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, by: &Advance) -> Sums {
     use std::arch::x86_64::*;
 
     let u = m.displacement.as_mut_ptr().cast::<f64>();
@@ -118,7 +162,9 @@ unsafe fn avx2(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, h: f64, c: 
     let blocks = tensors.0.as_ptr();
     let column = pattern.column.as_ptr();
     let zero = _mm256_setzero_pd();
-    let (h4, minus_c) = (_mm256_set1_pd(h), _mm256_set1_pd(-c));
+    let (h4, gain4) = (_mm256_set1_pd(by.substep), _mm256_set1_pd(by.gain));
+    let minus_c = _mm256_set1_pd(-by.damping);
+    let mut lagging = zero;
     let (mut elastic, mut kinetic, mut damping, mut work) = (zero, zero, zero, zero);
     let mut place = 0usize;
     for i in 0..pattern.nodes() {
@@ -166,12 +212,13 @@ unsafe fn avx2(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, h: f64, c: 
             let f = _mm256_load_pd(external.add(4 * i));
             let mv = _mm256_mul_pd(m_i, v);
             let r = _mm256_fmadd_pd(minus_c, mv, _mm256_sub_pd(f, internal));
-            let gain = _mm256_mul_pd(h4, _mm256_load_pd(inverse_mass.add(4 * i)));
+            let gain = _mm256_mul_pd(gain4, _mm256_load_pd(inverse_mass.add(4 * i)));
             let v_new = _mm256_fmadd_pd(gain, r, v);
             elastic = _mm256_fmadd_pd(u_i, internal, elastic);
             kinetic = _mm256_fmadd_pd(mv, v_new, kinetic);
             let both = _mm256_add_pd(v, v_new);
             damping = _mm256_fmadd_pd(_mm256_mul_pd(m_i, v_new), both, damping);
+            lagging = _mm256_fmadd_pd(mv, v, lagging);
             work = _mm256_fmadd_pd(f, u_i, work);
             _mm256_store_pd(residual.add(4 * i), r);
             _mm256_store_pd(velocity.add(4 * i), v_new);
@@ -188,6 +235,7 @@ unsafe fn avx2(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, h: f64, c: 
         elastic: total(elastic),
         kinetic: total(kinetic),
         damping: total(damping),
+        lagging: total(lagging),
         external: total(work),
     }
 }

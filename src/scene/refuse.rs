@@ -13,6 +13,10 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
         model.element,
         Some(Element::NodalPressure | Element::NodalAveraged)
     );
+    let scheme = !matches!(
+        integration.scheme,
+        Scheme::SymplecticEuler | Scheme::CentralDifference
+    );
     let format = match &scene.mesh {
         MeshSource::File { file, .. } => extension(file),
         _ => "msh",
@@ -31,7 +35,7 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
         (model.nonlinear_threshold != 0.0, text("model.nonlinearThreshold"), text("a non-linear threshold"), "use 0"),
         (model.incompressibility != 0.0, text("model.incompressibility"), text("a volume penalty"), "use 0"),
         (averaged, text("model.element"), word(&model.element), "use constantStrain"),
-        (integration.scheme != Scheme::SymplecticEuler, text("integration.scheme"), word(&integration.scheme), "use symplecticEuler"),
+        (scheme, text("integration.scheme"), word(&integration.scheme), "use symplecticEuler or centralDifference"),
         (scene.cutting.rule != CutRule::Remove, text("cutting.rule"), word(&scene.cutting.rule), "use remove"),
         (scene.tearing.is_some(), text("tearing"), text("tearing"), "remove it"),
         (!format.eq_ignore_ascii_case("msh"), text("mesh.file"), format!("the mesh format .{format}"), "use .msh"),

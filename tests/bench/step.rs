@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use tissue::model::Model;
 use tissue::model::edge_list::EdgeList;
-use tissue::model::sweep::{Motion, plain, sweep};
+use tissue::model::sweep::{Advance, Motion, plain, sweep};
 use tissue::model::tensor_mass::Lane;
 use tissue::simulation::Simulation;
 
@@ -100,6 +100,7 @@ fn main() {
         let model = model(text);
         let tensors = &model.whole.tensors;
         let (h, c) = (model.substep(model.damping()), model.damping());
+        let by = Advance::symplectic_euler(h, h, c);
         let list = EdgeList::new(&model.pattern, tensors);
         let (mut a, mut b, mut d) = (
             Fields::new(&model),
@@ -111,10 +112,10 @@ fn main() {
             20,
             &mut [
                 ("fused", &mut || {
-                    black_box(sweep(&model.pattern, tensors, &mut a.motion(), h, c));
+                    black_box(sweep(&model.pattern, tensors, &mut a.motion(), &by));
                 }),
                 ("fused plain", &mut || {
-                    black_box(plain(&model.pattern, tensors, &mut b.motion(), h, c));
+                    black_box(plain(&model.pattern, tensors, &mut b.motion(), &by));
                 }),
                 ("edge list", &mut || list.step(&mut d.motion(), h, c)),
             ],

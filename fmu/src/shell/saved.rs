@@ -98,9 +98,8 @@ impl Saved {
         if self.mode.before_start() {
             variables::set_fixed(&mut simulation, &self.fixed)?;
             // What was set stays set when the model is built anew.
-            let damping = self.state.parameters.damping;
-            if damping != self.model.damping() {
-                simulation.set_damping(damping);
+            if self.state.parameters.damping_set {
+                simulation.set_damping(self.state.parameters.damping);
             }
         }
         simulation.restore(&self.state);
