@@ -36,8 +36,8 @@ pub struct Inspection {
     pub substep: f64,
     /// \[1/s\]
     pub damping: f64,
-    /// Lowest frequency \[Hz\].
-    pub lowest_frequency: f64,
+    /// Lowest frequency \[Hz\]; `null` where it was not needed and too dear to find.
+    pub lowest_frequency: Option<f64>,
     /// \[degrees\]
     pub minimum_dihedral: f64,
     /// Measured here and now, without contact \[s\].
@@ -112,7 +112,7 @@ pub fn inspect(model: &Model) -> Inspection {
         ]),
         substep: model.substep(damping),
         damping,
-        lowest_frequency: model.spectrum.lowest / std::f64::consts::TAU,
+        lowest_frequency: Some(model.spectrum.lowest / std::f64::consts::TAU).filter(|f| *f > 0.0),
         minimum_dihedral: model.report.minimum_dihedral_degrees,
         seconds_per_substep: time_substep(model),
         memory_bytes: model.whole.tensors.bytes() + used * 8 * (6 * 4 + 2),

@@ -114,6 +114,9 @@ pub fn solve(model: &Model, after_cuts: bool) -> Result<Reference, ReferenceErro
 
 /// Displacement \[m\] a node, and the relative residual.
 pub fn equilibrium(model: &Model, live: &LiveMesh) -> Result<(Vec<Vec3>, f64), StaticsError> {
+    if model.count_rigid_modes(&live.alive) > 0 {
+        return Err(StaticsError::NotHeld);
+    }
     let mut u = vec![Vec3::zeros(); model.mesh.nodes.len()];
     for prescribed in &model.boundary.prescribed {
         for axis in 0..3 {

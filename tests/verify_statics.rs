@@ -185,6 +185,51 @@ fn cantilever_converges() {
     );
 }
 
+/// 6 less what the held axes take: floor on z 3, rollers on three faces 0, a hinged edge 1, a node 3.
+#[test]
+fn rigid_motions_are_counted_by_rank() {
+    let floor = r#"{"where": {"box": {"min": [0, 0, 0], "max": [1, 1, 0]}}, "axes": "z"}"#;
+    let sides = r#"{"where": {"box": {"min": [0, 0, 0], "max": [0, 1, 1]}}, "axes": "x"},
+        {"where": {"box": {"min": [0, 0, 0], "max": [1, 0, 1]}}, "axes": "y"}"#;
+    for (fixed, modes) in [
+        (String::new(), 6),
+        (floor.to_string(), 3),
+        (format!("{floor}, {sides}"), 0),
+        (
+            r#"{"box": {"min": [0, 0, 0], "max": [1, 0, 0]}}"#.to_string(),
+            1,
+        ),
+        (r#"{"nodes": [0]}"#.to_string(), 3),
+    ] {
+        for (cells, young) in [([4, 4, 2], 6000), ([7, 5, 3], 7000)] {
+            let model = common::model(&format!(
+                r#"{{"name": "b", "mesh": {{"box": {{"size": [0.05, 0.04, 0.03], "cells": {cells:?}}}}},
+                "materials": [{{"where": {{"all": true}}, "youngModulus": {young}, "poissonRatio": 0.3, "density": 1000}}],
+                "fixed": [{fixed}]}}"#
+            ));
+            assert_eq!(model.rigid_modes, modes, "{fixed}");
+            assert_eq!(solve(&model, false).is_ok(), modes == 0, "{fixed}");
+        }
+    }
+}
+
+/// The iteration that serves large meshes finds what the factor finds.
+#[test]
+fn lowest_frequency_without_a_factor() {
+    for text in [common::BAR, include_str!("../examples/hepatectomy.json")] {
+        let model = common::model(text);
+        let whole = &model.whole;
+        let found = tissue::model::spectrum::lowest_held(
+            &model.pattern,
+            &whole.tensors,
+            &whole.mass,
+            &model.boundary.free,
+        );
+        let exact = model.spectrum.lowest;
+        assert!((found - exact).abs() < 1e-3 * exact, "{found} {exact}");
+    }
+}
+
 #[test]
 fn what_is_not_held_or_inverted_has_no_equilibrium() {
     let loose = common::BAR

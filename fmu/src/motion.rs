@@ -43,6 +43,8 @@ impl Motion {
         text: &str,
         find: impl Fn(&str) -> Result<Variable, String>,
     ) -> Result<Motion, String> {
+        // Excel's "CSV UTF-8" begins with a byte order mark.
+        let text = text.strip_prefix('\u{FEFF}').unwrap_or(text);
         let mut lines = text
             .lines()
             .enumerate()
@@ -54,8 +56,11 @@ impl Motion {
         if names.next() != Some("time") {
             return Err("line 1: the first column must be `time`".into());
         }
-        let mut columns = Vec::new();
+        let mut columns: Vec<(Variable, Vec<f64>)> = Vec::new();
         for name in names {
+            if columns.iter().any(|(known, _)| known.name == name) {
+                return Err(format!("line 1: \"{name}\" stands twice"));
+            }
             columns.push((find(name).map_err(|e| format!("line 1: {e}"))?, Vec::new()));
         }
         let mut time = Vec::new();
@@ -81,7 +86,13 @@ impl Motion {
                 return Err(format!("line {number}: time {} does not grow", cells[0]));
             }
             time.push(cells[0]);
-            for ((_, column), cell) in columns.iter_mut().zip(&cells[1..]) {
+            for ((variable, column), cell) in columns.iter_mut().zip(&cells[1..]) {
+                if variable.kind == Kind::Boolean && *cell != 0.0 && *cell != 1.0 {
+                    let name = &variable.name;
+                    return Err(format!(
+                        "line {number}: {name} is {cell}; must be true, false, 1 or 0"
+                    ));
+                }
                 column.push(*cell);
             }
         }
@@ -164,6 +175,11 @@ mod tests {
             ("time,x\n0,inf\n", "line 2: \"inf\" is no number"),
             ("time,x\n1,0\n1,0\n", "line 3: time 1 does not grow"),
             ("time,x\n", "has a header but no rows"),
+            ("time,x,x\n", "line 1: \"x\" stands twice"),
+            (
+                "\u{FEFF}time,on\n0,2\n",
+                "line 2: on is 2; must be true, false, 1 or 0",
+            ),
         ] {
             assert_eq!(motion(text).err().as_deref(), Some(line));
         }

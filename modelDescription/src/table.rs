@@ -5,7 +5,7 @@
 //! nothing but the row and the item, so they stay the same from build to build.
 
 use tissue::model::Model;
-use tissue::scene::{OutputCausality, OutputVertices};
+use tissue::scene::{MOST_DAMPING, MOST_GRAVITY, OutputCausality, OutputVertices};
 use tissue::simulation::{Material, Simulation};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -467,13 +467,15 @@ pub const TABLE: &[Row] = &[
         30,
         "gravity",
         XYZ,
-        settable(
+        ranged(
             "m/s2",
             |s, _, c| s.parameters().gravity[c],
             |s, _, c, v| {
                 s.set_gravity(c, v);
                 Ok(())
             },
+            -MOST_GRAVITY,
+            Some(MOST_GRAVITY),
         ),
         Tunable,
         "acceleration of gravity",
@@ -491,7 +493,7 @@ pub const TABLE: &[Row] = &[
                 Ok(())
             },
             0.0,
-            None,
+            Some(MOST_DAMPING),
         ),
         Tunable,
         "mass-proportional damping; the substep follows its critical value",
@@ -524,7 +526,7 @@ pub const TABLE: &[Row] = &[
             |s, k, _| s.material(k, Material::YoungModulus),
             |s, k, _, v| set_material(s, k, Material::YoungModulus, v),
             0.0,
-            None,
+            Some(1e15),
         ),
         Fixed,
         "Young's modulus, above 0",
@@ -554,7 +556,7 @@ pub const TABLE: &[Row] = &[
             |s, k, _| s.material(k, Material::Density),
             |s, k, _, v| set_material(s, k, Material::Density, v),
             0.0,
-            None,
+            Some(1e9),
         ),
         Fixed,
         "density, above 0",

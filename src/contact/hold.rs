@@ -165,13 +165,7 @@ fn attach(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])
         };
         for node in vertices {
             let i = *node as usize;
-            if state
-                .held
-                .iter()
-                .any(|h| h.node == *node && h.tool.is_some())
-            {
-                continue;
-            }
+            // What anybody holds has no inverse mass.
             let axes = state.inverse_mass[i].0.map(|w| w > 0.0);
             let axes = [axes[0], axes[1], axes[2]];
             if axes == [false; 3] {
@@ -210,13 +204,22 @@ fn attach(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])
 
 /// Lets go of all that `which` names; the nodes keep their velocity.
 pub fn release(model: &Model, state: &mut State, which: impl Fn(&Held) -> bool) {
-    let mut at = 0;
-    while at < state.held.len() {
-        if which(&state.held[at]) {
-            let node = state.held.remove(at).node as usize;
-            state.refresh_node(model, node);
-        } else {
-            at += 1;
+    let State {
+        held,
+        inverse_mass,
+        live,
+        ..
+    } = state;
+    held.retain(|h| {
+        let goes = which(h);
+        if goes {
+            // One tool holds a node at most; what supports hold is not free.
+            let i = h.node as usize;
+            for axis in 0..3 {
+                let moves = model.boundary.free[i][axis] && live.mass[i] > 0.0;
+                inverse_mass[i].0[axis] = if moves { 1.0 / live.mass[i] } else { 0.0 };
+            }
         }
-    }
+        !goes
+    });
 }

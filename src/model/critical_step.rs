@@ -9,7 +9,8 @@ pub fn symplectic_euler(omega: f64, damping: f64) -> f64 {
         return f64::INFINITY;
     }
     let zeta = damping / (2.0 * omega);
-    2.0 * ((1.0 + zeta * zeta).sqrt() - zeta) / omega
+    // sqrt(1 + zeta²) - zeta without cancellation or overflow.
+    2.0 / (zeta.hypot(1.0) + zeta) / omega
 }
 
 /// Explicit Euler: omega h < min(2 zeta, 1/zeta); zero without damping.

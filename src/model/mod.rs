@@ -20,6 +20,7 @@ use crate::scene::{
 };
 use crate::statics::StaticsError;
 use boundary::Boundary;
+use nalgebra::{Matrix6, SymmetricEigen, Vector6};
 use spectrum::Spectrum;
 use sweep::Advance;
 use tensor_mass::Pattern;
@@ -31,6 +32,10 @@ pub const STEP_MARGIN: f64 = 0.9;
 /// (omega a + omega b)² - (omega a omega b)² > 4, far below the critical step; at half of it no pattern
 /// of two does.
 pub const UNEVEN_STEP_MARGIN: f64 = 0.5;
+
+/// Meshes of up to so many nodes are factored for their lowest frequency (some tenths of a GB); larger
+/// ones are iterated on.
+const DIRECT_NODES: usize = 12_000;
 
 /// Default damping in units of the lowest angular frequency: fastest to equilibrium
 /// (0.75 of critical; see the equations of the manual).
@@ -197,12 +202,10 @@ impl Model {
             }
         }
         model.surface_nodes = model.shown_nodes();
-        model.rigid_modes = model.count_rigid_modes();
+        model.rigid_modes = model.count_rigid_modes(&model.whole.alive);
         model.spectrum = match known {
             Some(spectrum) => spectrum,
-            None => model
-                .compute_spectrum()
-                .map_err(|e| ModelError::Statics(file.to_string(), e))?,
+            None => model.compute_spectrum()?,
         };
         model.start_displacement = model.displacement_at_start()?;
         Ok(model)
@@ -223,17 +226,33 @@ impl Model {
         Model::new(scene, mesh, &self.file)
     }
 
-    fn compute_spectrum(&self) -> Result<Spectrum, StaticsError> {
+    fn compute_spectrum(&self) -> Result<Spectrum, ModelError> {
         let (pattern, live, free) = (&self.pattern, &self.whole, &self.boundary.free);
         let highest = spectrum::highest(pattern, &live.tensors, &live.mass, free);
-        let lowest = spectrum::lowest(
-            pattern,
-            &live.tensors,
-            &live.mass,
-            free,
-            highest,
-            self.rigid_modes,
-        )?;
+        let lowest = if self.mesh.nodes.len() <= DIRECT_NODES {
+            spectrum::lowest(
+                pattern,
+                &live.tensors,
+                &live.mass,
+                free,
+                highest,
+                self.rigid_modes,
+            )
+            .map_err(|e| ModelError::Statics(self.file.clone(), e))?
+        } else if self.scene.integration.damping.is_some() {
+            0.0
+        } else if self.rigid_modes > 0 {
+            return Err(SceneError::at(
+                &self.file,
+                "integration.damping",
+                format!(
+                    "is needed for loose tissue of over {DIRECT_NODES} nodes; its default takes the lowest frequency, which is too dear to find"
+                ),
+            )
+            .into());
+        } else {
+            spectrum::lowest_held(pattern, &live.tensors, &live.mass, free)
+        };
         let element_bound = (0..self.shape.len())
             .map(|t| {
                 let material = self.material(t);
@@ -384,31 +403,37 @@ impl Model {
         }
     }
 
-    /// Over all pieces 6, 3, 1 or 0 for no, one, collinear, three or more held nodes; an upper bound
-    /// where nodes are held on some axes only.
-    fn count_rigid_modes(&self) -> usize {
-        let (count, label) = component_labels(self, &self.whole.alive);
-        let mut held: Vec<Vec<Vec3>> = vec![Vec::new(); count];
+    /// Rigid motions that nothing holds, over all pieces of what is alive: for each piece 6 less the rank
+    /// of the held axes' rows (e_a, (r x e_a)/size) in the six motions.
+    pub(crate) fn count_rigid_modes(&self, alive: &[bool]) -> usize {
+        let (count, label) = component_labels(self, alive);
+        let bounds = &self.report.bounds;
+        let (middle, size) = (
+            (bounds[0] + bounds[1]) * 0.5,
+            (bounds[1] - bounds[0]).norm(),
+        );
+        let mut held = vec![Matrix6::zeros(); count];
         for (v, free) in self.boundary.free.iter().enumerate() {
-            if label[v] != NONE && free.iter().all(|f| !f) {
-                held[label[v] as usize].push(self.mesh.nodes[v]);
+            if label[v] == NONE {
+                continue;
+            }
+            let r = (self.mesh.nodes[v] - middle) / size;
+            for axis in (0..3).filter(|a| !free[*a]) {
+                let e = Vec3::ith(axis, 1.0);
+                let turn = r.cross(&e);
+                let row = Vector6::new(e.x, e.y, e.z, turn.x, turn.y, turn.z);
+                held[label[v] as usize] += row * row.transpose();
             }
         }
-        held.iter()
-            .map(|points| match points.as_slice() {
-                [] => 6,
-                [_] => 3,
-                [first, rest @ ..] => {
-                    let far = rest
-                        .iter()
-                        .map(|p| p - first)
-                        .max_by(|a, b| a.norm().total_cmp(&b.norm()));
-                    let far = far.unwrap_or_else(Vec3::zeros);
-                    let in_line = rest
-                        .iter()
-                        .all(|p| (p - first).cross(&far).norm() <= 1e-9 * far.norm_squared());
-                    usize::from(in_line)
-                }
+        held.into_iter()
+            .map(|gram| {
+                let limit = 1e-10 * gram.trace().max(1.0);
+                let rank = SymmetricEigen::new(gram)
+                    .eigenvalues
+                    .iter()
+                    .filter(|e| **e > limit)
+                    .count();
+                6 - rank
             })
             .sum()
     }

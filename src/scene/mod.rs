@@ -13,6 +13,6 @@ mod tree;
 mod types;
 
 pub use error::SceneError;
-pub use parse::{parse, read, schema};
+pub use parse::{MOST_DAMPING, MOST_GRAVITY, parse, read, schema};
 pub use select::{select_nodes, select_tetrahedra};
 pub use types::*;

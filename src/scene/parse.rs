@@ -75,7 +75,11 @@ fn scene(node: &Node) -> Result<Scene> {
             n.list("prescribed displacements", self::prescribed)
         })?,
         loads: loads.or(vec![], |n| n.list("loads", load))?,
-        gravity: gravity.or(default_gravity(), Node::vector)?,
+        gravity: gravity.or(default_gravity(), |n| {
+            n.array("numbers", |n| {
+                n.number_in("from -1e6 to 1e6", |x| x.abs() <= MOST_GRAVITY)
+            })
+        })?,
         start: start.or(Start::default(), Node::choice)?,
         model: model.or(ModelSettings::default(), model_settings)?,
         integration: integration.or(Integration::default(), self::integration)?,
@@ -91,6 +95,10 @@ fn is_identifier(text: &str) -> bool {
     let word = |c: char| c.is_ascii_alphanumeric() || c == '_';
     text.chars().all(word) && text.starts_with(|c: char| word(c) && !c.is_ascii_digit())
 }
+
+/// Largest damping \[1/s\] and acceleration \[m/s²\]; far beyond tissue, far from overflow.
+pub const MOST_DAMPING: f64 = 1e6;
+pub const MOST_GRAVITY: f64 = 1e6;
 
 /// Above this a mesh is a mistake rather than a model for real time.
 const MOST_CELLS: f64 = 1e7;
@@ -117,8 +125,12 @@ fn mesh_source(node: &Node) -> Result<MeshSource> {
             let [size, cells, origin, pattern] =
                 source.keys(["size", "cells", "origin", "pattern"])?;
             let count = cells.array::<u32, 3>("whole numbers", |n| n.whole(1))?;
-            if count.map(f64::from).iter().product::<f64>() > MOST_CELLS {
-                return Err(cells.wrong("too many cells", "must be at most 10 million in all"));
+            let nodes = crate::mesh::box_mesh::node_count(count.map(|n| n as usize));
+            if nodes.is_none_or(|n| n > crate::mesh::MAXIMUM_NODES) {
+                return Err(cells.wrong(
+                    "too many cells",
+                    "must be so few that they have at most 10 million corners in all",
+                ));
             }
             MeshSource::Box {
                 size: size.array("numbers", |n| n.positive())?,
@@ -376,7 +388,10 @@ fn integration(node: &Node) -> Result<Integration> {
         scheme: scheme.or(default.scheme, Node::choice)?,
         haptic_rate: rate,
         substep: substep.maybe(|n| whole_divisor(n, 1.0 / rate))?,
-        damping: damping.maybe(Node::not_negative)?,
+        damping: damping.maybe(|n| {
+            n.not_negative()?;
+            n.number_in("at most 1e6", |x| x <= MOST_DAMPING)
+        })?,
         mass: mass.or(default.mass, Node::choice)?,
     })
 }

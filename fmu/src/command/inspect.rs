@@ -43,10 +43,10 @@ pub fn run(path: &Path, json: bool) -> Result<(), Error> {
         "  boundary     {} nodes fixed, {} prescribed, {} loaded",
         i.fixed_nodes, i.prescribed_nodes, i.loaded_nodes
     ));
-    lines.push(format!(
-        "  damping      {:.4} 1/s; lowest frequency {:.4} Hz",
-        i.damping, i.lowest_frequency
-    ));
+    let lowest = i
+        .lowest_frequency
+        .map_or(String::new(), |f| format!("; lowest frequency {f:.4} Hz"));
+    lines.push(format!("  damping      {:.4} 1/s{lowest}", i.damping));
     for (scheme, step) in &i.critical_step {
         let step = step.map_or("none".to_string(), |s| format!("{:.4} ms", 1e3 * s));
         lines.push(format!("  critical     {scheme:<18} {step}"));

@@ -50,7 +50,9 @@ pub fn run(
     }
     host.initialised()?;
     let step = step.unwrap_or(host.default_step());
-    let stop = stop.or(motion.as_ref().map(Motion::end)).unwrap_or(1.0);
+    let stop = stop
+        .or(motion.as_ref().map(Motion::end).filter(|end| *end > 0.0))
+        .unwrap_or(1.0);
     let steps = (stop / step - 1e-9).ceil().max(1.0) as u64;
     let every = steps.div_ceil(FRAMES);
     let name = fmu
