@@ -96,6 +96,7 @@ pub enum MeshSource {
     Liver {
         /// m, 0.003 to 0.03: wanted length of the tetrahedra's edges; default 0.015.
         #[serde(default = "default_liver_edge")]
+        #[schemars(extend("minimum" = 0.003, "maximum" = 0.03))]
         edge_length: f64,
     },
     /// A mesh file.
@@ -454,8 +455,10 @@ pub struct Integration {
     #[schemars(extend("minimum" = 1, "maximum" = 100_000))]
     pub haptic_rate: f64,
     /// s, a whole divisor of the haptic period; `null`: chosen from the critical time step.
+    #[schemars(extend("exclusiveMinimum" = 0))]
     pub substep: Option<f64>,
-    /// 1/s, mass-proportional; `null`: 1.5 times the lowest frequency (fastest to equilibrium).
+    /// 1/s, at most 1e6, mass-proportional; `null`: 1.5 times the lowest frequency (fastest to equilibrium).
+    #[schemars(extend("minimum" = 0, "maximum" = 1_000_000))]
     pub damping: Option<f64>,
     /// Default `lumped`.
     pub mass: Mass,
