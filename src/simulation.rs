@@ -220,7 +220,7 @@ impl Simulation {
             .sum();
         self.state.account.dissipated += 0.5 * self.state.clock.lag * change * twice_kinetic;
         self.state.parameters.damping = value;
-        self.state.nominal_substep = step::nominal_substep(&self.model, &self.state);
+        self.state.nominal_substep = self.model.substep(value);
         if self.state.clock.total == 0 {
             self.state.clock.substep = self.state.nominal_substep;
             self.state.clock.lag = self.state.nominal_substep;

@@ -195,7 +195,6 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
     out.int(u64::from(state.parameters.damping_set));
     out.int(state.cuts_done as u64);
     out.reals([state.since_haptic, state.nominal_substep]);
-    out.int(u64::from(state.uneven));
     let mut check = Fnv::default();
     check.write(&out.0);
     out.int(check.0);
@@ -218,7 +217,7 @@ pub fn size(state: &State) -> usize {
         + 6
         + 5
         + 1
-        + 3
+        + 2
         + 1;
     8 * words
 }
@@ -303,7 +302,6 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     };
     state.cuts_done = input.index(model.cuts.len() + 1)?;
     [state.since_haptic, state.nominal_substep] = input.reals()?;
-    state.uneven = input.flag()?;
     if !input.0.is_empty() {
         return Err(SnapshotError::Damaged);
     }

@@ -87,8 +87,6 @@ pub struct State {
     pub since_haptic: f64,
     /// Substep that steps are divided by \[s\].
     pub nominal_substep: f64,
-    /// Communication steps have not all been divided into substeps of one length.
-    pub uneven: bool,
 }
 
 impl State {
@@ -124,7 +122,6 @@ impl State {
             cuts_done: 0,
             since_haptic: f64::INFINITY,
             nominal_substep,
-            uneven: false,
         };
         state.reserve(model);
         for (k, prescribed) in model.boundary.prescribed.iter().enumerate() {
@@ -228,7 +225,6 @@ impl State {
         self.cuts_done = other.cuts_done;
         self.since_haptic = other.since_haptic;
         self.nominal_substep = other.nominal_substep;
-        self.uneven = other.uneven;
     }
 }
 

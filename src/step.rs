@@ -4,9 +4,9 @@ use crate::contact::hold;
 use crate::cut;
 use crate::energy::Account;
 use crate::mesh::Vec3;
+use crate::model::Model;
 use crate::model::sweep::{Advance, Motion, Sums, sweep};
 use crate::model::tensor_mass::Lane;
-use crate::model::{Model, STEP_MARGIN, UNEVEN_STEP_MARGIN};
 use crate::pose::Path;
 use crate::scene::{Scheme, ToolKind};
 use crate::state::State;
@@ -106,13 +106,7 @@ pub fn step(
         return Err(StepError::TooLong(length, state.nominal_substep));
     }
     work.start.copy_from(model, state);
-    let (mut count, mut substep) = division(length, state.nominal_substep);
-    let changes = state.clock.total > 0 && substep != state.clock.substep;
-    if changes && !state.uneven {
-        state.uneven = true;
-        state.nominal_substep = nominal_substep(model, state);
-        (count, substep) = division(length, state.nominal_substep);
-    }
+    let (count, substep) = division(length, state.nominal_substep);
     // The law is linear, so the limit is known: no need to run into it first.
     let critical = critical_substep(model, state);
     let foreseen = (substep / critical).log2().ceil().max(0.0);
@@ -296,16 +290,6 @@ fn set_substep(state: &mut State, h: f64) {
     if state.clock.total == 0 {
         state.clock.lag = h;
     }
-}
-
-/// The scene's substep, with more room once substeps have not all been of one length \[s\].
-pub fn nominal_substep(model: &Model, state: &State) -> f64 {
-    let margin = if state.uneven {
-        UNEVEN_STEP_MARGIN
-    } else {
-        STEP_MARGIN
-    };
-    model.substep_within(margin, state.parameters.damping)
 }
 
 /// Loads that still grow. What a ramp changes of the potential -f.u counts as work of the supports.

@@ -247,3 +247,26 @@ fn what_is_not_held_or_inverted_has_no_equilibrium() {
     let error = solve(&common::model(&limp), false).unwrap_err();
     assert!(matches!(error, ReferenceError::Inverted(..)), "{error}");
 }
+
+/// `start: equilibrium` is that of the gravity and the ramps' ends that the host starts with.
+#[test]
+fn a_start_in_equilibrium_stays_there() {
+    let text = common::BAR.replace(
+        "\"tools\"",
+        r#""start": "equilibrium",
+        "prescribed": [{"where": {"box": {"min": [0.1, 0, 0], "max": [0.1, 1, 0]}}, "displacement": [null, null, 0.002], "ramp": 0.5}],
+        "loads": [{"where": {"nodes": [40]}, "force": [0, 0.01, 0], "ramp": 0.3}], "tools""#,
+    );
+    let mut s = common::simulation(&text);
+    s.set_gravity(2, -3.0);
+    assert!(s.rebuild().unwrap());
+    let start = s.state().displacement.clone();
+    let before = s.energy();
+    for _ in 0..100 {
+        s.step(1e-3).unwrap();
+    }
+    let moved =
+        (start.iter().zip(&s.state().displacement)).map(|(a, b)| (a.xyz() - b.xyz()).norm());
+    assert!(moved.fold(0.0, f64::max) < 1e-12);
+    assert!(before.elastic > 0.0 && s.energy().kinetic < 1e-20);
+}

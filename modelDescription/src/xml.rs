@@ -47,6 +47,9 @@ pub const LOG_CATEGORIES: &[(&str, &str)] = &[
 pub fn guid(model: &Model) -> String {
     let mut low = Fnv::default();
     low.write(env!("CARGO_PKG_VERSION").as_bytes());
+    for g in model.scene.gravity {
+        low.write(&g.to_bits().to_le_bytes());
+    }
     for row in TABLE {
         low.write(row.name.as_bytes());
         low.write(&row.offset.to_le_bytes());

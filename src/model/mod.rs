@@ -25,10 +25,11 @@ use spectrum::Spectrum;
 use sweep::Advance;
 use tensor_mass::Pattern;
 
-/// Share of the critical step that a chosen substep may use.
+/// Share of the guaranteed critical step that a chosen substep may use.
 pub const STEP_MARGIN: f64 = 0.9;
 
-/// The same where substeps are not all of one length: two lengths a, b in turn feed a mode where
+/// Share of the mesh's own critical step that it may use. Hosts change their communication step, and
+/// with it the substep: two lengths a, b in turn feed a mode where
 /// (omega a + omega b)² - (omega a omega b)² > 4, far below the critical step; at half of it no pattern
 /// of two does.
 pub const UNEVEN_STEP_MARGIN: f64 = 0.5;
@@ -332,15 +333,12 @@ impl Model {
         }
     }
 
-    /// The scene's substep, or the longest whole divisor of the haptic period that is stable with margin \[s\].
+    /// The scene's substep, or the longest whole divisor of the haptic period that is stable with both
+    /// margins \[s\].
     pub fn substep(&self, damping: f64) -> f64 {
-        self.substep_within(STEP_MARGIN, damping)
-    }
-
-    /// The same with another share of the critical step.
-    pub fn substep_within(&self, margin: f64, damping: f64) -> f64 {
         let period = 1.0 / self.scene.integration.haptic_rate;
-        let limit = margin * self.critical_step(damping);
+        let own = self.critical_step_at(self.spectrum.highest, damping);
+        let limit = (STEP_MARGIN * self.critical_step(damping)).min(UNEVEN_STEP_MARGIN * own);
         let parts = match self.scene.integration.substep {
             Some(substep) => (period / substep).round(),
             None => (period / limit - 1e-9).ceil(),
