@@ -48,18 +48,13 @@ pub fn burn(model: &Model, state: &mut State, k: usize, candidates: &mut Vec<u32
     let capsule = Capsule::of(&tool.shape, &state.tools[k].pose, tool.active_length);
     // A touched tetrahedron has all its vertices within its longest edge of the capsule; twice the
     // longest rest edge leaves room for stretch.
-    let (low, high) = capsule.bounds(2.0 * model.longest_edge);
-    let (near_low, near_high) = capsule.bounds(0.0);
+    let near = capsule.radius + 2.0 * model.longest_edge;
+    let (low, high) = capsule.bounds(0.0);
     candidates.clear();
     for node in 0..state.displacement.len() {
-        let x = state.position(model, node as u32);
-        if (0..3).all(|a| x[a] >= low[a] && x[a] <= high[a]) {
-            for t in model.topology.star(node) {
-                // Once, by its first vertex in the box.
-                if state.live.alive[*t as usize] {
-                    candidates.push(*t);
-                }
-            }
+        if capsule.axis_distance(&state.position(model, node as u32)) <= near {
+            let star = model.topology.star(node).iter();
+            candidates.extend(star.filter(|t| state.live.alive[**t as usize]));
         }
     }
     candidates.sort_unstable();
@@ -67,7 +62,10 @@ pub fn burn(model: &Model, state: &mut State, k: usize, candidates: &mut Vec<u32
     for t in candidates.iter() {
         let corners: [Vec3; 4] =
             model.mesh.tetrahedra[*t as usize].map(|v| state.position(model, v));
-        if boxes_meet(&corners, &near_low, &near_high) && capsule.touches_tetrahedron(&corners) {
+        if boxes_meet(&corners, &low, &high)
+            && capsule.may_touch(&corners)
+            && capsule.touches_tetrahedron(&corners)
+        {
             remove(model, state, *t);
         }
     }

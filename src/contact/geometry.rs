@@ -43,6 +43,30 @@ impl Capsule {
         )
     }
 
+    /// Whether it reaches the smallest ball about the points' mean that holds them: what it does not
+    /// reach it cannot touch.
+    pub fn may_touch(&self, points: &[Vec3]) -> bool {
+        let middle = points.iter().sum::<Vec3>() / points.len() as f64;
+        let reach = points
+            .iter()
+            .map(|p| (p - middle).norm_squared())
+            .fold(0.0, f64::max)
+            .sqrt();
+        self.axis_distance(&middle) <= self.radius + reach
+    }
+
+    /// From its axis to a point \[m\].
+    pub fn axis_distance(&self, point: &Vec3) -> f64 {
+        let (axis, from) = (self.end - self.tip, point - self.tip);
+        let length = axis.norm_squared();
+        let share = if length > 0.0 {
+            (from.dot(&axis) / length).clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
+        (from - axis * share).norm()
+    }
+
     /// Whether it touches a triangle.
     pub fn touches(&self, corners: &[Vec3; 3]) -> bool {
         let [a, b, c] = corners.map(vector);
@@ -109,6 +133,16 @@ mod tests {
     fn a_shaft_between_the_vertices_touches() {
         assert!(capsule([0.3, 0.3, -1.0], [0.3, 0.3, 1.0], 0.001).touches(&FLOOR));
         assert!(!capsule([0.8, 0.8, -1.0], [0.8, 0.8, 1.0], 0.001).touches(&FLOOR));
+    }
+
+    #[test]
+    fn what_touches_may_touch() {
+        for k in 0..200 {
+            let f = |n: f64| (f64::from(k) * n).sin();
+            let capsule = capsule([f(1.3), f(2.1), f(0.7)], [f(3.3), f(1.7), f(5.1)], 0.1);
+            assert!(capsule.may_touch(&FLOOR) || !capsule.touches(&FLOOR));
+        }
+        assert!(!capsule([3.0, 0.0, 0.0], [4.0, 0.0, 0.0], 0.1).may_touch(&FLOOR));
     }
 
     #[test]

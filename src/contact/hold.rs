@@ -113,7 +113,10 @@ fn touch(
     for face in &state.live.surface {
         let vertices = state.live.triangle(model, *face);
         let corners = vertices.map(|v| state.position(model, v));
-        if boxes_meet(&corners, &low, &high) && capsule.touches(&corners) {
+        if boxes_meet(&corners, &low, &high)
+            && capsule.may_touch(&corners)
+            && capsule.touches(&corners)
+        {
             touched.push((*face, vertices));
         }
     }
