@@ -65,8 +65,7 @@ pub struct Line {
 #[derive(Clone, Copy, Debug)]
 enum Coordinate {
     Line(Line),
-    /// u + u' s + (last - u)(1 - s/H); the rate is 0 and the roles of u and last are those of a ramp
-    /// where no derivative is given.
+    /// u + u' s + (last - u)(1 - s/H): a derivative is given, and u is not where the path was.
     Blend {
         last: f64,
         value: f64,

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::live::LiveMesh;
 use crate::mesh::Vec3;
-use crate::model::{Model, ModelError};
+use crate::model::Model;
 use crate::statics::{self, StaticsError};
 
 /// Node order and tetrahedra as in the scene's mesh.
@@ -35,15 +35,6 @@ pub enum ReferenceError {
         "{0}: in equilibrium {1} tetrahedra are inverted (smallest volume ratio {2:.3}); the linear law does not hold for so large a deformation: use less load or stiffer tissue"
     )]
     Inverted(String, usize, f64),
-}
-
-impl From<ReferenceError> for ModelError {
-    fn from(error: ReferenceError) -> ModelError {
-        match error {
-            ReferenceError::Statics(file, e) => ModelError::Statics(file, e),
-            ReferenceError::Inverted(file, ..) => ModelError::Statics(file, StaticsError::NotHeld),
-        }
-    }
 }
 
 /// Prescribed displacements and loads at full value; all scripted cuts made first where `after_cuts`.

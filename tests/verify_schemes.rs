@@ -126,6 +126,39 @@ fn uneven_steps_stay_stable() {
     }
 }
 
+/// A scene's own substep of 0.9 of the critical one is fed by steps of two lengths: the watchdog says so
+/// before the tissue is anywhere near leaving the room.
+#[test]
+fn what_uneven_steps_make_trips_the_watchdog() {
+    let plate = |integration: &str| {
+        format!(
+            r#"{{"name": "plate", "mesh": {{"box": {{"size": [0.22, 0.1, 0.02], "cells": [22, 10, 2]}}}},
+            "materials": [{{"where": {{"all": true}}, "youngModulus": 6000, "poissonRatio": 0.45, "density": 1060}}],
+            "gravity": [0, 0, -1], "fixed": [{{"box": {{"min": [0, 0, 0], "max": [0, 1, 1]}}}}]{integration}}}"#
+        )
+    };
+    let critical = critical_step::central_difference(common::model(&plate("")).spectrum.highest);
+    let substep = 0.9 * critical;
+    let rate = 1.0 / substep;
+    let mut s = common::simulation(&plate(&format!(
+        r#", "integration": {{"substep": {substep:e}, "hapticRate": {rate:e}, "damping": 0}}"#
+    )));
+    let mut told = false;
+    for k in 0..4000 {
+        let outcome = s.step(if k % 2 == 0 { substep } else { 1.5 * substep });
+        told |= outcome.is_err() || s.halvings() > 0;
+        let farthest = displacement(&s)
+            .iter()
+            .map(|u| u.norm())
+            .fold(0.0, f64::max);
+        assert!(farthest < 3.0, "{farthest} m at step {k}, told: {told}");
+        if outcome.is_err() {
+            break;
+        }
+    }
+    assert!(told);
+}
+
 /// Contact and cutting at the haptic rate or faster, whatever the communication step.
 #[test]
 fn haptic_ticks_never_fall_behind() {
