@@ -51,10 +51,12 @@ pub fn burn(model: &Model, state: &mut State, k: usize, candidates: &mut Vec<u32
     let near = capsule.radius + 2.0 * model.longest_edge;
     let (low, high) = capsule.bounds(0.0);
     candidates.clear();
-    for node in 0..state.displacement.len() {
+    for node in 0..model.parts.moving {
         if capsule.axis_distance(&state.position(model, node as u32)) <= near {
             let star = model.topology.star(node).iter();
-            candidates.extend(star.filter(|t| state.live.alive[**t as usize]));
+            let can_go =
+                |t: &&u32| model.parts.dynamic[**t as usize] && state.live.alive[**t as usize];
+            candidates.extend(star.filter(can_go));
         }
     }
     candidates.sort_unstable();
@@ -69,4 +71,28 @@ pub fn burn(model: &Model, state: &mut State, k: usize, candidates: &mut Vec<u32
             remove(model, state, *t);
         }
     }
+}
+
+/// Whether the active tip of cautery `k` touches pre-computed tissue, which cannot be cut.
+pub fn spares(model: &Model, state: &State, k: usize) -> bool {
+    if model.parts.touchable == 0 {
+        return false;
+    }
+    let tool = &model.scene.tools[k];
+    let capsule = Capsule::of(&tool.shape, &state.tools[k].pose, tool.active_length);
+    let (low, high) = capsule.bounds(0.0);
+    state.live.surface.iter().any(|face| {
+        let vertices = state.live.triangle(model, *face);
+        let [first, second] = model.topology.faces[*face as usize].tetrahedra;
+        let owner = if state.live.alive[first as usize] {
+            first
+        } else {
+            second
+        };
+        if model.parts.dynamic[owner as usize] {
+            return false;
+        }
+        let corners = vertices.map(|v| state.position(model, v));
+        boxes_meet(&corners, &low, &high) && capsule.touches(&corners)
+    })
 }

@@ -10,6 +10,7 @@
 //! step v_{n+1/2} is not known yet for held nodes; any lambda_n gives the same balance there, and the
 //! one without inertia, -r_n, is used.
 
+use crate::couple::Coupling;
 use crate::mesh::Vec3;
 use crate::model::Model;
 use crate::model::sweep::{Advance, Motion, sweep};
@@ -67,8 +68,8 @@ pub struct Scratch {
 }
 
 impl Scratch {
-    pub fn new(nodes: usize) -> Scratch {
-        let zeros = vec![Lane::default(); nodes];
+    pub fn new(model: &Model) -> Scratch {
+        let zeros = vec![Lane::default(); model.parts.moving];
         Scratch {
             displacement: zeros.clone(),
             velocity: zeros.clone(),
@@ -78,11 +79,23 @@ impl Scratch {
     }
 }
 
+/// Puts the force of the pre-computed part into the partial internal forces that a sweep starts from.
+pub fn inject(model: &Model, coupling: &Coupling, partial: &mut [Lane]) {
+    let from = model.parts.connected_from();
+    for (partial, force) in partial[from..].iter_mut().zip(coupling.force.chunks(3)) {
+        *partial = Lane([-force[0], -force[1], -force[2], 0.0]);
+    }
+}
+
 /// Evaluates the account: a sweep of length zero over a copy gives K u and the sums.
 pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Energy {
-    scratch.displacement.copy_from_slice(&state.displacement);
-    scratch.velocity.copy_from_slice(&state.velocity);
-    let sums = sweep(
+    let moving = model.parts.moving;
+    scratch
+        .displacement
+        .copy_from_slice(&state.displacement[..moving]);
+    scratch.velocity.copy_from_slice(&state.velocity[..moving]);
+    inject(model, &state.coupling, &mut scratch.partial);
+    let mut sums = sweep(
         &model.pattern,
         &state.live.tensors,
         &mut Motion {
@@ -90,9 +103,9 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Energy {
             velocity: &mut scratch.velocity,
             residual: &mut scratch.residual,
             partial: &mut scratch.partial,
-            external: &state.external,
-            inverse_mass: &state.inverse_mass,
-            mass: &state.live.mass,
+            external: &state.external[..moving],
+            inverse_mass: &state.inverse_mass[..moving],
+            mass: &state.live.mass[..moving],
         },
         &Advance::symplectic_euler(0.0, 0.0, state.parameters.damping),
     );
@@ -108,16 +121,22 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Energy {
             moment[axis] += state.live.weight[i] * state.displacement[i].0[axis];
         }
     }
+    let inside = state.coupling.energy(model);
     let gravity = if model.boundary.loads.is_empty() {
         -sums.external
     } else {
         -Vec3::from(state.parameters.gravity).dot(&moment)
     };
+    if let Some(guyan) = &model.guyan {
+        sums.kinetic += guyan.excess(model, state, false);
+        sums.lagging += guyan.excess(model, state, false);
+        power -= state.parameters.damping * guyan.excess(model, state, true);
+    }
     let mut energy = Energy {
-        elastic: 0.5 * sums.elastic,
+        elastic: 0.5 * (sums.elastic + state.coupling.virial()) + inside.elastic,
         kinetic: 0.5 * sums.kinetic + half * power,
-        gravity,
-        load: -sums.external - gravity,
+        gravity: gravity + inside.gravity,
+        load: -sums.external - gravity + inside.load,
         tool_work: state.account.tool_work,
         support_work: state.account.support_work,
         dissipated: state.account.dissipated,
@@ -128,10 +147,14 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Energy {
     }
     for held in &state.held {
         let i = held.node as usize;
-        let (v, r) = (&state.velocity[i].0, &scratch.residual[i].0);
+        let lambda = match i.checked_sub(moving) {
+            Some(inside) => state.coupling.pressure_on(inside),
+            None => -scratch.residual[i].xyz(),
+        };
+        let v = &state.velocity[i].0;
         let trailing: f64 = (0..3)
             .filter(|a| held.axes[*a])
-            .map(|a| -half * v[a] * r[a])
+            .map(|a| half * v[a] * lambda[a])
             .sum();
         match held.tool {
             Some(_) => energy.tool_work += trailing,

@@ -95,8 +95,8 @@ pub fn inspect(model: &Model) -> Inspection {
             .count(),
         prescribed_nodes: model.boundary.prescribed.len(),
         loaded_nodes: loaded.len(),
-        dynamic_tetrahedra: model.mesh.tetrahedra.len(),
-        connection_nodes: 0,
+        dynamic_tetrahedra: model.parts.dynamic.iter().filter(|d| **d).count(),
+        connection_nodes: model.parts.connection,
         critical_step: BTreeMap::from([
             ("euler", limit(critical_step::euler(omega, damping))),
             (
@@ -115,7 +115,9 @@ pub fn inspect(model: &Model) -> Inspection {
         lowest_frequency: Some(model.spectrum.lowest / std::f64::consts::TAU).filter(|f| *f > 0.0),
         minimum_dihedral: model.report.minimum_dihedral_degrees,
         seconds_per_substep: time_substep(model),
-        memory_bytes: model.whole.tensors.bytes() + used * 8 * (6 * 4 + 2),
+        memory_bytes: model.whole.tensors.bytes()
+            + model.parts.known.min(used) * 8 * (6 * 4 + 2)
+            + model.precomputed.as_ref().map_or(0, |p| p.bytes()),
         warnings: warnings(model),
     }
 }
@@ -170,7 +172,7 @@ pub fn warnings(model: &Model) -> Vec<String> {
 
 /// Median of a few sweeps \[s\].
 fn time_substep(model: &Model) -> f64 {
-    let nodes = model.mesh.nodes.len();
+    let nodes = model.parts.moving;
     let zeros = || vec![Lane::default(); nodes];
     let (mut displacement, mut velocity, mut residual, mut partial) =
         (zeros(), zeros(), zeros(), zeros());
@@ -185,7 +187,7 @@ fn time_substep(model: &Model) -> f64 {
                 partial: &mut partial,
                 external: &external,
                 inverse_mass: &inverse_mass,
-                mass: &model.whole.mass,
+                mass: &model.whole.mass[..nodes],
             };
             sweep(
                 &model.pattern,

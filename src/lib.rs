@@ -9,6 +9,7 @@
 //! Units are SI throughout. The library knows nothing of FMI.
 
 pub mod contact;
+pub mod couple;
 pub mod cut;
 pub mod element;
 pub mod energy;

@@ -46,8 +46,10 @@ impl LiveMesh {
         for (t, tetrahedron) in model.mesh.tetrahedra.iter().enumerate() {
             let material = model.material(t);
             let shape = &model.shape[t];
-            live.tensors
-                .accumulate(&model.pattern, tetrahedron, shape, &material.law, 1.0);
+            if model.parts.dynamic[t] {
+                live.tensors
+                    .accumulate(&model.pattern, tetrahedron, shape, &material.law, 1.0);
+            }
             for node in tetrahedron {
                 live.star_count[*node as usize] += 1;
                 live.weight[*node as usize] += material.density * shape.volume / 4.0;
@@ -72,7 +74,7 @@ impl LiveMesh {
     }
 
     /// Removes one live tetrahedron: ten tensors, four masses, four faces; exact zeros where a vertex
-    /// or an edge has lost its last. Does nothing to a dead one.
+    /// or an edge has lost its last. Does nothing to a dead one. Dynamic ones only.
     /// Returns whether it was alive.
     pub(crate) fn remove(&mut self, model: &Model, t: u32) -> bool {
         let index = t as usize;
@@ -89,6 +91,7 @@ impl LiveMesh {
             .accumulate(&model.pattern, nodes, shape, &material.law, -1.0);
         let share = material.density * shape.volume / 4.0;
         let removes_weight = model.scene.cutting.mass == CutMass::Removed;
+        let guyan = model.has_guyan_mass();
         let removes_mass = removes_weight && model.scene.integration.mass == Mass::Lumped;
         for node in nodes {
             let n = *node as usize;
@@ -99,7 +102,8 @@ impl LiveMesh {
                 self.tensors.clear(&model.pattern, *node, *node);
             } else {
                 self.weight[n] -= if removes_weight { share } else { 0.0 };
-                self.mass[n] -= if removes_mass { share } else { 0.0 };
+                let keeps = guyan && n >= model.parts.connected_from();
+                self.mass[n] -= if removes_mass && !keeps { share } else { 0.0 };
             }
         }
         for (a, b) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {

@@ -6,17 +6,21 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::mesh::{self, TetMesh, Vec3};
+use crate::model::precomputed::Progress;
 use crate::model::spectrum::Spectrum;
-use crate::model::{Model, ModelError};
+use crate::model::store::{self, Numbers};
+use crate::model::{Known, Model, ModelError, fingerprint, precomputed_key};
 use crate::scene::{self, MeshSource, SceneError};
 
 /// The scene with its mesh inline.
 pub const SCENE: &str = "scene.json";
 /// What the build computed.
 pub const PRECOMPUTED: &str = "precomputed.json";
+/// Elementary deformations and the like, where there is a pre-computed part.
+pub const ELEMENTARY: &str = "elementary.bin";
 
 #[derive(Serialize, Deserialize)]
-struct Precomputed {
+struct Found {
     /// Of the model it belongs to; anything else is computed anew.
     fingerprint: u64,
     spectrum: Spectrum,
@@ -37,11 +41,29 @@ pub enum PrepareError {
 
 /// The model of a scene file.
 pub fn read(path: &Path) -> Result<Model, PrepareError> {
-    prepare(scene::read(path)?, path)
+    read_with(path, |_| Known::default(), &|_| {})
+}
+
+/// The same with what an earlier build has found, by its key, and word of the progress.
+pub fn read_with(
+    path: &Path,
+    known: impl FnOnce(u64) -> Known,
+    progress: Progress,
+) -> Result<Model, PrepareError> {
+    prepare_with(scene::read(path)?, path, known, progress)
 }
 
 /// The model of a scene; `path` names it in messages, and its folder is where mesh files are.
-pub fn prepare(mut scene: scene::Scene, path: &Path) -> Result<Model, PrepareError> {
+pub fn prepare(scene: scene::Scene, path: &Path) -> Result<Model, PrepareError> {
+    prepare_with(scene, path, |_| Known::default(), &|_| {})
+}
+
+fn prepare_with(
+    mut scene: scene::Scene,
+    path: &Path,
+    known: impl FnOnce(u64) -> Known,
+    progress: Progress,
+) -> Result<Model, PrepareError> {
     let file = path.display().to_string();
     let base = path.parent().unwrap_or(Path::new("."));
     let mut mesh =
@@ -51,21 +73,38 @@ pub fn prepare(mut scene: scene::Scene, path: &Path) -> Result<Model, PrepareErr
         nodes: mesh.nodes.iter().map(|p| (*p).into()).collect(),
         tetrahedra: mesh.tetrahedra.clone(),
     };
-    let mut model = Model::new(scene, mesh, &file)?;
+    let known = known(precomputed_key(&scene, &mesh));
+    let mut model = Model::build(scene, mesh, &file, known, progress)?;
     model.report.flipped = report.flipped;
     Ok(model)
 }
 
 /// Files for the FMU's `resources/`.
-pub fn resources(model: &Model) -> Result<[(&'static str, Vec<u8>); 2], serde_json::Error> {
-    let precomputed = Precomputed {
+pub fn resources(model: &Model) -> Result<Vec<(&'static str, Vec<u8>)>, serde_json::Error> {
+    let found = Found {
         fingerprint: model.fingerprint,
         spectrum: model.spectrum,
     };
-    Ok([
+    let mut files = vec![
         (SCENE, serde_json::to_vec(&model.scene)?),
-        (PRECOMPUTED, serde_json::to_vec(&precomputed)?),
-    ])
+        (PRECOMPUTED, serde_json::to_vec(&found)?),
+    ];
+    if let Some(part) = &model.precomputed {
+        files.push((
+            ELEMENTARY,
+            store::bytes(model.precomputed_key, part.numbers()),
+        ));
+    }
+    Ok(files)
+}
+
+/// The pre-computed part in an unpacked FMU's `resources/`, if it has one of this key.
+pub fn elementary(resources: &Path, key: u64) -> Result<Option<Numbers>, PrepareError> {
+    let path = resources.join(ELEMENTARY);
+    if !path.exists() {
+        return Ok(None);
+    }
+    store::open(&path, key).map_err(|e| PrepareError::Resource(ELEMENTARY.into(), e.to_string()))
 }
 
 /// The model from an unpacked FMU's `resources/`.
@@ -84,13 +123,11 @@ pub fn open(resources: &Path) -> Result<Model, PrepareError> {
     let path = resources.join(PRECOMPUTED);
     let damaged = |e: String| PrepareError::Resource(PRECOMPUTED.into(), e);
     let text = std::fs::read(&path).map_err(|e| damaged(format!("cannot be read: {e}")))?;
-    let known: Precomputed =
+    let found: Found =
         serde_json::from_slice(&text).map_err(|e| damaged(format!("is damaged: {e}")))?;
-    let matches = |model: &Model| model.fingerprint == known.fingerprint;
-    let model = Model::with_spectrum(scene.clone(), mesh.clone(), SCENE, Some(known.spectrum))?;
-    if matches(&model) {
-        Ok(model)
-    } else {
-        Ok(Model::new(scene, mesh, SCENE)?)
-    }
+    let known = Known {
+        spectrum: (found.fingerprint == fingerprint(&scene, &mesh)).then_some(found.spectrum),
+        numbers: elementary(resources, precomputed_key(&scene, &mesh))?,
+    };
+    Ok(Model::build(scene, mesh, SCENE, known, &|_| {})?)
 }

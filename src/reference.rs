@@ -7,6 +7,7 @@ use serde::Serialize;
 use crate::live::LiveMesh;
 use crate::mesh::Vec3;
 use crate::model::Model;
+use crate::model::tensor_mass::{Pattern, Tensors};
 use crate::statics::{self, StaticsError};
 
 /// Node order and tetrahedra as in the scene's mesh.
@@ -64,12 +65,13 @@ pub fn solve(model: &Model, after_cuts: bool) -> Result<Reference, ReferenceErro
         ));
     }
     let lanes: Vec<_> = u.iter().map(|u| (*u).into()).collect();
+    let (pattern, tensors) = assemble(model, &live);
     let external = external(model, &live);
     let mut reaction = BTreeMap::new();
     for (scene_node, node) in model.node.iter().enumerate() {
         let i = *node as usize;
         if live.star_count[i] > 0 && model.boundary.free[i] != [true; 3] {
-            let force = live.tensors.row_product(&model.pattern, i, &lanes) - external[i];
+            let force = tensors.row_product(&pattern, i, &lanes) - external[i];
             let held = Vec3::from_fn(|a, _| {
                 if model.boundary.free[i][a] {
                     0.0
@@ -120,8 +122,22 @@ pub fn equilibrium(model: &Model, live: &LiveMesh) -> Result<(Vec<Vec3>, f64), S
         .map(|(free, stars)| if *stars > 0 { *free } else { [false; 3] })
         .collect();
     let external = external(model, live);
-    let residual = statics::solve(&model.pattern, &live.tensors, &free, &external, &mut u)?;
+    let (pattern, tensors) = assemble(model, live);
+    let residual = statics::solve(&pattern, &tensors, &free, &external, &mut u)?;
     Ok((u, residual))
+}
+
+/// All that is alive in one matrix, whoever computes it in real time.
+fn assemble(model: &Model, live: &LiveMesh) -> (Pattern, Tensors) {
+    let pattern = Pattern::new(model.mesh.nodes.len(), &model.mesh.tetrahedra);
+    let mut tensors = Tensors::zeros(&pattern);
+    for (t, nodes) in model.mesh.tetrahedra.iter().enumerate() {
+        if live.alive[t] {
+            let law = &model.material(t).law;
+            tensors.accumulate(&pattern, nodes, &model.shape[t], law, 1.0);
+        }
+    }
+    (pattern, tensors)
 }
 
 /// Gravity and loads at full value \[N\] a node.

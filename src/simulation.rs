@@ -2,8 +2,10 @@
 
 use std::sync::Arc;
 
+use crate::couple::Before;
 use crate::energy::{self, Energy};
 use crate::mesh::Vec3;
+use crate::model::tensor_mass::Lane;
 use crate::model::{Model, ModelError};
 use crate::scene::{Scene, Start};
 use crate::snapshot::{self, SnapshotError};
@@ -20,6 +22,8 @@ pub struct Simulation {
     /// Evaluated when first read after a change.
     energy: Option<Energy>,
     pieces: Option<(u64, usize)>,
+    /// Displacements inside the pre-computed part, brought up to date when first looked at.
+    inside: Option<Vec<Lane>>,
     halvings: u32,
     /// As built, for [`Simulation::reset`].
     original: Arc<Model>,
@@ -39,7 +43,7 @@ impl Simulation {
     pub fn new(model: Arc<Model>) -> Simulation {
         let state = State::new(&model);
         let work = Workspace::new(&model, &state);
-        let scratch = energy::Scratch::new(model.mesh.nodes.len());
+        let scratch = energy::Scratch::new(&model);
         Simulation {
             original: model.clone(),
             model,
@@ -48,6 +52,7 @@ impl Simulation {
             scratch,
             energy: None,
             pieces: None,
+            inside: None,
             halvings: 0,
             pending: None,
         }
@@ -118,6 +123,7 @@ impl Simulation {
     /// Back to time 0, inputs and parameters at their start values.
     pub fn reset(&mut self) {
         self.pending = None;
+        self.work.spared = false;
         self.halvings = 0;
         self.pieces = None;
         if !Arc::ptr_eq(&self.model, &self.original) {
@@ -154,8 +160,14 @@ impl Simulation {
         self.halvings
     }
 
+    /// Whether a cautery has touched pre-computed tissue, which cannot be cut.
+    pub fn spared(&self) -> bool {
+        self.work.spared
+    }
+
     fn forget(&mut self) {
         self.energy = None;
+        self.inside = None;
     }
 
     /// Seconds from the start.
@@ -197,12 +209,32 @@ impl Simulation {
             ..
         } = &self.state;
         // As for a load: at the displacement half a substep ago.
-        let moment: f64 = (live.weight.iter().zip(displacement).zip(velocity))
-            .map(|((m, u), v)| m * (u.0[axis] - half * v.0[axis]))
+        let moving = self.model.parts.moving;
+        let nodes = displacement[..moving].iter().zip(velocity);
+        let moment: f64 = (live.weight.iter().zip(nodes))
+            .map(|(m, (u, v))| m * (u.0[axis] - half * v.0[axis]))
             .sum();
         self.state.account.support_work -= change * moment;
         self.state.parameters.gravity[axis] = value;
-        for node in 0..self.state.displacement.len() {
+        let mut before = Before::with_room(&self.model);
+        before.remember(&self.model, &self.state.coupling);
+        let (gravity, time) = (self.state.parameters.gravity, self.state.clock.time());
+        if self
+            .state
+            .coupling
+            .set_amplitudes(&self.model, &gravity, time)
+        {
+            let State {
+                coupling,
+                displacement,
+                velocity,
+                ..
+            } = &mut self.state;
+            coupling.solve(&self.model, displacement);
+            let gained = before.gained(&self.model, coupling, velocity, 2.0 * half);
+            self.state.account.support_work += gained;
+        }
+        for node in 0..self.model.parts.moving {
             self.state.refresh_external(&self.model, node);
         }
         self.forget();
@@ -215,9 +247,12 @@ impl Simulation {
         let change = self
             .model
             .lagging_damping(value - self.state.parameters.damping);
-        let twice_kinetic: f64 = (self.state.live.mass.iter().zip(&self.state.velocity))
+        let mut twice_kinetic: f64 = (self.state.live.mass.iter().zip(&self.state.velocity))
             .map(|(m, v)| m * v.xyz().norm_squared())
             .sum();
+        if let Some(guyan) = &self.model.guyan {
+            twice_kinetic += guyan.excess(&self.model, &self.state, false);
+        }
         self.state.account.dissipated += 0.5 * self.state.clock.lag * change * twice_kinetic;
         self.state.parameters.damping = value;
         self.state.nominal_substep = self.model.substep(value);
@@ -246,9 +281,25 @@ impl Simulation {
     }
 
     /// Current position of shown vertex j \[m\].
-    pub fn surface_vertex(&self, j: usize) -> Vec3 {
-        self.state
-            .position(&self.model, self.model.surface_nodes[j])
+    pub fn surface_vertex(&mut self, j: usize) -> Vec3 {
+        let node = self.model.surface_nodes[j] as usize;
+        self.model.mesh.nodes[node] + self.displacement(node)
+    }
+
+    /// Present displacement of a known node \[m\].
+    pub fn displacement(&mut self, node: usize) -> Vec3 {
+        if node < self.model.parts.moving {
+            return self.state.displacement[node].xyz();
+        }
+        let inside = self.inside.get_or_insert_with(|| {
+            let mut known = self.state.displacement.clone();
+            let held = &self.state.held;
+            self.state
+                .coupling
+                .update_all(&self.model, &mut known, held);
+            known
+        });
+        inside[node].xyz()
     }
 
     /// Row j of the exposed triangles, as indices into the shown vertices, outward; -1 past their number.
@@ -289,8 +340,13 @@ impl Simulation {
     }
 
     /// Smallest det F over live tetrahedra; 1 where none is left.
-    pub fn minimum_volume_ratio(&self) -> f64 {
-        minimum_volume_ratio(&self.model, &self.state)
+    /// (Inside the pre-computed part: over those whose nodes are all known.)
+    pub fn minimum_volume_ratio(&mut self) -> f64 {
+        if self.model.parts.known > self.model.parts.moving {
+            self.displacement(self.model.parts.moving);
+        }
+        let known = self.inside.as_ref().unwrap_or(&self.state.displacement);
+        minimum_volume_ratio(&self.model, &self.state, known)
     }
 
     pub fn save(&self) -> State {
@@ -313,15 +369,17 @@ impl Simulation {
     }
 }
 
-fn minimum_volume_ratio(model: &Model, state: &State) -> f64 {
+fn minimum_volume_ratio(model: &Model, state: &State, known: &[Lane]) -> f64 {
     let ratio = model
         .mesh
         .tetrahedra
         .iter()
         .enumerate()
-        .filter(|(t, _)| state.live.alive[*t])
+        .filter(|(t, nodes)| {
+            state.live.alive[*t] && nodes.iter().all(|v| (*v as usize) < known.len())
+        })
         .map(|(t, nodes)| {
-            let u = nodes.map(|v| state.displacement[v as usize].xyz());
+            let u = nodes.map(|v| known[v as usize].xyz());
             model.shape[t].deformation_gradient(&u).determinant()
         })
         .fold(f64::INFINITY, f64::min);

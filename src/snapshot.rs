@@ -13,7 +13,7 @@ use crate::model::{Fnv, Model};
 use crate::pose::{Line, Pose, PoseInput};
 use crate::state::{Clock, Parameters, State, ToolState};
 
-const MAGIC: &[u8; 8] = b"tissueS2";
+const MAGIC: &[u8; 8] = b"tissueS3";
 
 /// Why bytes are not a state of this model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -194,6 +194,7 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
     out.real(state.parameters.damping);
     out.int(u64::from(state.parameters.damping_set));
     out.int(state.cuts_done as u64);
+    out.int(state.coupling.turn as u64);
     out.reals([state.since_haptic, state.nominal_substep]);
     let mut check = Fnv::default();
     check.write(&out.0);
@@ -216,7 +217,7 @@ pub fn size(state: &State) -> usize {
         + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1) * state.tools.len()
         + 6
         + 5
-        + 1
+        + 2
         + 2
         + 1;
     8 * words
@@ -238,7 +239,7 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     if input.int()? != model.fingerprint {
         return Err(SnapshotError::OtherModel);
     }
-    let nodes = model.mesh.nodes.len();
+    let nodes = model.parts.known;
     let tools = model.scene.tools.len();
     let mut state = State::new(model);
     let [anchor, substep] = input.reals()?;
@@ -301,6 +302,7 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
         damping_set: input.flag()?,
     };
     state.cuts_done = input.index(model.cuts.len() + 1)?;
+    state.coupling.turn = input.index(model.parts.touchable + 1)?;
     [state.since_haptic, state.nominal_substep] = input.reals()?;
     if !input.0.is_empty() {
         return Err(SnapshotError::Damaged);

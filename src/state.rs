@@ -1,6 +1,7 @@
 //! Everything that changes while a scene runs. Its copy is a saved state.
 
 use crate::contact::hold::{Held, Released};
+use crate::couple::Coupling;
 use crate::energy::{Account, Scratch};
 use crate::live::LiveMesh;
 use crate::mesh::Vec3;
@@ -65,11 +66,14 @@ pub struct ToolState {
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
     pub clock: Clock,
-    /// u \[m\] a node.
+    /// u \[m\] a known node. Inside a pre-computed part only of what tools hold is it of now: what is near a
+    /// tool is of the last haptic tick, the rest older.
     pub displacement: Vec<Lane>,
-    /// v \[m/s\] a node, half a substep behind.
+    /// v \[m/s\] a known node, half a substep behind; zero inside unless held by a tool.
     pub velocity: Vec<Lane>,
     pub live: LiveMesh,
+    /// Of the pre-computed part. Follows from the rest.
+    pub coupling: Coupling,
     /// Gravity and loads \[N\] a node. Follows from the rest.
     pub external: Vec<Lane>,
     /// \[1/kg\] an axis, 0 where something holds it. Follows from the rest.
@@ -92,7 +96,7 @@ pub struct State {
 impl State {
     /// At time 0.
     pub fn new(model: &Model) -> State {
-        let nodes = model.mesh.nodes.len();
+        let nodes = model.parts.known;
         let parameters = Parameters {
             gravity: model.scene.gravity,
             damping: model.damping(),
@@ -112,6 +116,7 @@ impl State {
                 .collect(),
             velocity: vec![Lane::default(); nodes],
             live: model.whole.clone(),
+            coupling: Coupling::new(model),
             external: vec![Lane::default(); nodes],
             inverse_mass: vec![Lane::default(); nodes],
             held: Vec::new(),
@@ -125,10 +130,10 @@ impl State {
         };
         state.reserve(model);
         for (k, prescribed) in model.boundary.prescribed.iter().enumerate() {
-            if state.live.star_count[prescribed.node as usize] == 0 {
+            let i = prescribed.node as usize;
+            if i >= model.parts.moving || state.live.star_count[i] == 0 {
                 continue;
             }
-            let i = prescribed.node as usize;
             let start = prescribed.at(0.0);
             for axis in 0..3 {
                 if prescribed.axes[axis] {
@@ -140,6 +145,13 @@ impl State {
                 .push(Held::by_support(k as u32, prescribed.node, prescribed.axes));
         }
         state.refresh_all(model);
+        let State {
+            coupling,
+            displacement,
+            held,
+            ..
+        } = &mut state;
+        coupling.update_all(model, displacement, held);
         state.account.start = state.energy(model).balance();
         state
     }
@@ -150,10 +162,11 @@ impl State {
         self.held.reserve(2 * nodes);
         self.released.reserve(nodes * model.scene.tools.len());
         self.live.reserve(model);
+        self.coupling.reserve();
     }
 
     pub fn energy(&self, model: &Model) -> crate::energy::Energy {
-        crate::energy::evaluate(model, self, &mut Scratch::new(self.displacement.len()))
+        crate::energy::evaluate(model, self, &mut Scratch::new(model))
     }
 
     /// Recomputes what follows from the rest.
@@ -169,6 +182,10 @@ impl State {
                 }
             }
         }
+        let (gravity, time) = (&self.parameters.gravity, self.clock.time());
+        self.coupling.set_amplitudes(model, gravity, time);
+        self.coupling.set_held(model, &self.held);
+        self.coupling.solve(model, &self.displacement);
     }
 
     /// After a change of mass or of what holds the node.
@@ -203,9 +220,10 @@ impl State {
         self.external[node] = force.into();
     }
 
-    /// Current position \[m\].
+    /// Current position \[m\]; of a node that is never known, its rest position.
     pub fn position(&self, model: &Model, node: u32) -> Vec3 {
-        model.mesh.nodes[node as usize] + self.displacement[node as usize].xyz()
+        let displacement = self.displacement.get(node as usize);
+        model.mesh.nodes[node as usize] + displacement.map_or(Vec3::zeros(), Lane::xyz)
     }
 
     /// Copies without allocating where the vectors are large enough; the live mesh by the removals
@@ -215,6 +233,7 @@ impl State {
         self.displacement.clone_from(&other.displacement);
         self.velocity.clone_from(&other.velocity);
         self.live.catch_up(model, &other.live);
+        self.coupling.copy_from(&other.coupling);
         self.external.clone_from(&other.external);
         self.inverse_mass.clone_from(&other.inverse_mass);
         self.held.clone_from(&other.held);

@@ -2,13 +2,16 @@
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
+use faer::perm::PermRef;
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering,
     factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMat, Triplet};
-use faer::{Conj, MatMut, Par, Side, Spec};
+use faer::{Conj, Mat, MatMut, Par, Side, Spec};
+
+use nalgebra::Matrix3;
 
 use crate::mesh::Vec3;
 use crate::model::tensor_mass::{Pattern, Tensors};
@@ -23,6 +26,9 @@ pub enum StaticsError {
     #[error("not enough memory for the factor")]
     Memory,
 }
+
+/// Systems of more unknowns are ordered by dissection where positions are known.
+const DISSECTED: usize = 10_000;
 
 /// Which degrees of freedom are unknowns.
 pub struct Numbering {
@@ -70,6 +76,78 @@ impl Numbering {
     }
 }
 
+impl Numbering {
+    /// Nested dissection by position, `order[new] = old` unknown: halves along the longest side, then
+    /// the nodes between them.
+    fn dissected(&self, edges: &[(u32, u32)], positions: &[Vec3]) -> Vec<usize> {
+        let mut start = vec![0u32; positions.len() + 1];
+        for (i, j) in edges {
+            start[*i as usize + 1] += 1;
+            start[*j as usize + 1] += 1;
+        }
+        for i in 0..positions.len() {
+            start[i + 1] += start[i];
+        }
+        let (mut next, mut neighbour) = (start.clone(), vec![0u32; 2 * edges.len()]);
+        for (i, j) in edges.iter().flat_map(|(i, j)| [(*i, *j), (*j, *i)]) {
+            neighbour[next[i as usize] as usize] = j;
+            next[i as usize] += 1;
+        }
+        let neighbours =
+            |v: u32| &neighbour[start[v as usize] as usize..start[v as usize + 1] as usize];
+        let mut order = Vec::with_capacity(positions.len());
+        let mut nodes: Vec<u32> = (0..positions.len() as u32).collect();
+        // Last to first: a region's separator goes to the end, then its halves before it.
+        let mut side = vec![0u32; positions.len()];
+        let mut regions = vec![std::mem::take(&mut nodes)];
+        let mut stamp = 0;
+        while let Some(mut region) = regions.pop() {
+            if region.len() <= 32 {
+                order.extend(region.into_iter().rev());
+                continue;
+            }
+            let bounds = region.iter().map(|v| positions[*v as usize]).fold(
+                (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY)),
+                |(low, high), p| (low.inf(&p), high.sup(&p)),
+            );
+            let axis = (bounds.1 - bounds.0).imax();
+            let middle = region.len() / 2;
+            region.select_nth_unstable_by(middle, |a, b| {
+                let at = |v: &u32| positions[*v as usize][axis];
+                at(a).total_cmp(&at(b)).then(a.cmp(b))
+            });
+            let right = region.split_off(middle);
+            stamp += 1;
+            right.iter().for_each(|v| side[*v as usize] = stamp);
+            let (between, left): (Vec<u32>, Vec<u32>) = region
+                .into_iter()
+                .partition(|v| neighbours(*v).iter().any(|w| side[*w as usize] == stamp));
+            order.extend(between);
+            regions.push(left);
+            regions.push(right);
+        }
+        order.reverse();
+        let of = |v: u32| (0..3).filter_map(move |a| self.unknown[3 * v as usize + a]);
+        order.into_iter().flat_map(of).map(|u| u as usize).collect()
+    }
+}
+
+/// Eigenvalues, ascending, and eigenvectors one after the other, of a symmetric matrix.
+pub fn eigen(size: usize, at: impl Fn(usize, usize) -> f64) -> (Vec<f64>, Vec<f64>) {
+    let matrix = Mat::from_fn(size, size, at);
+    match matrix.self_adjoint_eigen(Side::Lower) {
+        Ok(found) => (
+            found.S().column_vector().iter().copied().collect(),
+            (0..size)
+                .flat_map(|c| (0..size).map(move |r| (r, c)))
+                .map(|(r, c)| found.U()[(r, c)])
+                .collect(),
+        ),
+        // Only non-finite numbers do not converge.
+        Err(_) => (vec![f64::NAN; size], vec![f64::NAN; size * size]),
+    }
+}
+
 /// Cholesky factor of K + shift M on the unknowns.
 pub struct Factor {
     symbolic: SymbolicCholesky<usize>,
@@ -78,15 +156,37 @@ pub struct Factor {
 }
 
 impl Factor {
-    /// `shifted`: shift \[1/s²\] and the masses \[kg\] a node.
+    /// `entries`: node i, node j, K_ij for each pair once, either triangle. `shifted`: shift
+    /// \[1/s²\] and the masses \[kg\] a node.
     pub fn new(
-        pattern: &Pattern,
-        tensors: &Tensors,
+        entries: impl Iterator<Item = (usize, usize, Matrix3<f64>)>,
         numbering: &Numbering,
         shifted: Option<(f64, &[f64])>,
     ) -> Result<Factor, StaticsError> {
+        Factor::ordered(entries, numbering, shifted, None)
+    }
+
+    /// Cholesky factor of K, large meshes in an order by their node positions.
+    pub fn within(
+        entries: impl Iterator<Item = (usize, usize, Matrix3<f64>)>,
+        numbering: &Numbering,
+        positions: &[Vec3],
+    ) -> Result<Factor, StaticsError> {
+        Factor::ordered(entries, numbering, None, Some(positions))
+    }
+
+    fn ordered(
+        entries: impl Iterator<Item = (usize, usize, Matrix3<f64>)>,
+        numbering: &Numbering,
+        shifted: Option<(f64, &[f64])>,
+        positions: Option<&[Vec3]>,
+    ) -> Result<Factor, StaticsError> {
         let mut lower = Vec::new();
-        for (i, j, block) in tensors.entries(pattern) {
+        let mut edges = Vec::new();
+        for (i, j, block) in entries {
+            if i != j && numbering.count > DISSECTED {
+                edges.push((i as u32, j as u32));
+            }
             for a in 0..3 {
                 for b in 0..3 {
                     let (Some(p), Some(q)) =
@@ -110,10 +210,25 @@ impl Factor {
         let matrix = SparseColMat::<usize, f64>::try_new_from_triplets(size, size, &lower)
             .map_err(|_| StaticsError::Memory)?;
         drop(lower);
+        let order = positions
+            .filter(|_| numbering.count > DISSECTED)
+            .map(|positions| numbering.dissected(&edges, positions));
+        let inverse = order.as_ref().map_or(Vec::new(), |order| {
+            let mut inverse = vec![0; order.len()];
+            order
+                .iter()
+                .enumerate()
+                .for_each(|(new, old)| inverse[*old] = new);
+            inverse
+        });
+        let ordering = match &order {
+            Some(order) => SymmetricOrdering::Custom(PermRef::new_checked(order, &inverse, size)),
+            None => SymmetricOrdering::Amd,
+        };
         let symbolic = factorize_symbolic_cholesky(
             matrix.symbolic(),
             Side::Lower,
-            SymmetricOrdering::Amd,
+            ordering,
             CholeskySymbolicParams {
                 supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
                 ..Default::default()
@@ -172,7 +287,7 @@ pub fn solve(
     displacement: &mut [Vec3],
 ) -> Result<f64, StaticsError> {
     let numbering = Numbering::new(free.iter().copied());
-    let factor = Factor::new(pattern, tensors, &numbering, None)?;
+    let factor = Factor::new(tensors.entries(pattern), &numbering, None)?;
     let lanes = |u: &[Vec3]| u.iter().map(|v| (*v).into()).collect::<Vec<_>>();
     let mut internal = vec![Vec3::zeros(); displacement.len()];
     let mut right = vec![0.0; numbering.unknowns()];

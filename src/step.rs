@@ -1,12 +1,14 @@
 //! One communication step: n equal substeps, contact and cutting at haptic ticks.
 
+use crate::contact::geometry::Capsule;
 use crate::contact::hold;
+use crate::couple::Before;
 use crate::cut;
-use crate::energy::Account;
+use crate::energy::{Account, inject};
 use crate::mesh::Vec3;
-use crate::model::Model;
 use crate::model::sweep::{Advance, Motion, Sums, sweep};
 use crate::model::tensor_mass::Lane;
+use crate::model::{Model, guyan};
 use crate::pose::Path;
 use crate::scene::{Scheme, ToolKind};
 use crate::state::State;
@@ -58,12 +60,16 @@ pub struct Workspace {
     candidates: Vec<u32>,
     paths: Vec<Path>,
     impulse: Vec<Vec3>,
+    before: Before,
+    interface: guyan::Scratch,
+    /// A cautery has touched tissue that it cannot burn.
+    pub spared: bool,
     start: State,
 }
 
 impl Workspace {
     pub fn new(model: &Model, state: &State) -> Workspace {
-        let nodes = model.mesh.nodes.len();
+        let nodes = model.parts.moving;
         let tools = model.scene.tools.len();
         let mut start = state.clone();
         start.reserve(model);
@@ -74,6 +80,9 @@ impl Workspace {
             candidates: Vec::with_capacity(4 * model.mesh.tetrahedra.len()),
             paths: Vec::with_capacity(tools),
             impulse: vec![Vec3::zeros(); tools],
+            before: Before::with_room(model),
+            interface: guyan::Scratch::new(model),
+            spared: false,
             start,
         }
     }
@@ -165,7 +174,7 @@ fn advance(
     work.impulse.fill(Vec3::zeros());
     let period = (1.0 + 1e-6) / model.scene.integration.haptic_rate;
     for k in 0..n {
-        update_loads(model, state);
+        update_loads(model, state, &mut work.before);
         while let Some(scripted) = model.cuts.get(state.cuts_done) {
             if scripted.time > state.clock.time() + 1e-9 * h {
                 break;
@@ -180,11 +189,26 @@ fn advance(
         let tick = state.since_haptic + h > period || switched;
         if tick {
             state.since_haptic = 0.0;
+            let State {
+                coupling,
+                displacement,
+                held,
+                ..
+            } = state;
+            coupling.update_some(model, displacement, held);
             for tool in 0..state.tools.len() {
-                hold::update(model, state, tool, &mut work.touched);
+                look(model, state, tool);
+                work.before.remember(model, &state.coupling);
+                while hold::update(model, state, tool, &mut work.touched) {
+                    regrip(model, state, work, tool);
+                    look(model, state, tool);
+                    work.before.remember(model, &state.coupling);
+                }
+                regrip(model, state, work, tool);
                 let burns = model.scene.tools[tool].kind == ToolKind::Cautery;
                 if burns && state.tools[tool].active {
                     cut::burn(model, state, tool, &mut work.candidates);
+                    work.spared = work.spared || cut::spares(model, state, tool);
                 }
             }
         }
@@ -193,24 +217,33 @@ fn advance(
         }
         set_targets(model, state, h);
         let by = model.advance(state.clock.lag, h, state.parameters.damping);
-        let sums = sweep(
+        inject(model, &state.coupling, &mut work.partial);
+        work.interface.keep(model, state);
+        let moving = model.parts.moving;
+        let mut sums = sweep(
             &model.pattern,
             &state.live.tensors,
             &mut Motion {
-                displacement: &mut state.displacement,
-                velocity: &mut state.velocity,
+                displacement: &mut state.displacement[..moving],
+                velocity: &mut state.velocity[..moving],
                 residual: &mut work.residual,
                 partial: &mut work.partial,
-                external: &state.external,
-                inverse_mass: &state.inverse_mass,
-                mass: &state.live.mass,
+                external: &state.external[..moving],
+                inverse_mass: &state.inverse_mass[..moving],
+                mass: &state.live.mass[..moving],
             },
             &by,
         );
+        let inside = state.coupling.energy(model);
+        sums.elastic += state.coupling.virial() + 2.0 * inside.elastic;
+        sums.external -= inside.gravity + inside.load;
+        work.interface
+            .advance(model, state, &mut work.residual, &by, &mut sums);
         let before = state.account;
-        let (sums, trailing) = carry_held(state, work, sums, &by);
+        let (sums, trailing) = carry_held(model, state, work, sums, &by);
         let (behind, ahead) = damped(&sums, state.clock.lag, &by, central);
         let kinetic = kinetic(&sums, state.clock.lag, h);
+        state.coupling.solve(model, &state.displacement);
         watch(state, &before, &sums, kinetic, trailing - behind, tick)?;
         let made = made(&sums, state.clock.lag, h);
         state.account.made += made;
@@ -220,7 +253,7 @@ fn advance(
         state.clock.total += 1;
         state.since_haptic += h;
     }
-    update_loads(model, state);
+    update_loads(model, state, &mut work.before);
     if !state
         .displacement
         .iter()
@@ -266,17 +299,35 @@ fn damped(sums: &Sums, lag: f64, by: &Advance, central: bool) -> (f64, f64) {
 /// Central difference is of second order if the velocity before the start is half a substep behind:
 /// v_{-1/2} = -h/2 M^-1 (f_ext - K u). The account's kinetic energy of that is booked.
 fn half_step_back(model: &Model, state: &mut State, h: f64) {
-    for i in 0..state.displacement.len() {
+    for i in 0..model.parts.moving {
         let internal = state
             .live
             .tensors
             .row_product(&model.pattern, i, &state.displacement);
-        let force = state.external[i].xyz() - internal;
+        let force = state.external[i].xyz() - internal + state.coupling.force_on(model, i);
         for axis in 0..3 {
             let gain = state.inverse_mass[i].0[axis];
             state.velocity[i].0[axis] = -0.5 * h * gain * force[axis];
             state.account.dissipated += 0.125 * h * h * gain * force[axis] * force[axis];
         }
+    }
+    let Some(guyan) = &model.guyan else {
+        return;
+    };
+    let from = model.parts.connected_from();
+    let mut force = Vec::new();
+    for i in from..model.parts.moving {
+        let mass = state.live.mass[i];
+        for axis in 0..3 {
+            let f = -2.0 * mass / h * state.velocity[i].0[axis];
+            state.account.dissipated -= 0.25 * h * h * 0.5 / mass * f * f;
+            force.push(f);
+        }
+    }
+    let acceleration = guyan.acceleration(&force);
+    for (dof, a) in acceleration.iter().enumerate() {
+        state.velocity[from + dof / 3].0[dof % 3] = -0.5 * h * a;
+        state.account.dissipated += 0.125 * h * h * a * force[dof];
     }
 }
 
@@ -292,9 +343,55 @@ fn set_substep(state: &mut State, h: f64) {
     }
 }
 
+/// Before tool `k` is asked what it touches: where the tissue near it is.
+fn look(model: &Model, state: &mut State, k: usize) {
+    if model.parts.touchable == 0 {
+        return;
+    }
+    let capsule = Capsule::of(&model.scene.tools[k].shape, &state.tools[k].pose, None);
+    // The vertices of a touched triangle are within its longest edge; another for what has moved since.
+    let reach = capsule.radius + 2.0 * model.longest_edge;
+    let near = |at: &Vec3| capsule.axis_distance(at) <= reach;
+    let State {
+        coupling,
+        displacement,
+        held,
+        ..
+    } = state;
+    coupling.update_near(model, displacement, held, near);
+}
+
+/// After a change of what tools hold inside the pre-computed part: it finds its new equilibrium at
+/// once, and what that loses is dissipated.
+fn regrip(model: &Model, state: &mut State, work: &mut Workspace, tool: usize) {
+    if model.precomputed.is_none() || !state.coupling.set_held(model, &state.held) {
+        return;
+    }
+    state.coupling.solve(model, &state.displacement);
+    let lag = state.clock.lag;
+    let before = &work.before;
+    state.account.dissipated -= before.gained(model, &state.coupling, &state.velocity, lag);
+    for dof in before.let_go(&state.coupling) {
+        // The trailing half of what the tool did on it.
+        let node = model.parts.moving + dof as usize / 3;
+        let velocity = &mut state.velocity[node].0[dof as usize % 3];
+        let pressure = before.pressure_at(dof);
+        state.account.tool_work += 0.5 * lag * *velocity * pressure;
+        work.impulse[tool][dof as usize % 3] -= 0.5 * lag * pressure;
+        *velocity = 0.0;
+    }
+}
+
 /// Loads that still grow. What a ramp changes of the potential -f.u counts as work of the supports.
-fn update_loads(model: &Model, state: &mut State) {
+fn update_loads(model: &Model, state: &mut State, before: &mut Before) {
     let time = state.clock.time();
+    before.remember(model, &state.coupling);
+    let gravity = state.parameters.gravity;
+    if state.coupling.set_amplitudes(model, &gravity, time) {
+        state.coupling.solve(model, &state.displacement);
+        let lag = state.clock.lag;
+        state.account.support_work += before.gained(model, &state.coupling, &state.velocity, lag);
+    }
     let mut last = u32::MAX;
     for load in &model.boundary.loads {
         let grows = load.ramp > 0.0 && time <= load.ramp + 2.0 * state.clock.substep;
@@ -327,6 +424,7 @@ fn set_targets(model: &Model, state: &mut State, h: f64) {
 /// Moves held nodes to their targets and books impulse and work. Returns the sums with held nodes in,
 /// and the trailing half of the work of tools and supports at this point.
 fn carry_held(
+    model: &Model,
     state: &mut State,
     work: &mut Workspace,
     mut sums: Sums,
@@ -335,8 +433,23 @@ fn carry_held(
     let mut trailing = 0.0;
     let (lag, h) = (state.clock.lag, by.substep);
     let kick = 0.5 * (lag + h);
+    let moving = model.parts.moving;
     for held in &mut state.held {
         let i = held.node as usize;
+        if let Some(inside) = i.checked_sub(moving) {
+            let lambda = state.coupling.pressure_on(inside);
+            let (v, v_new) = (state.velocity[i].xyz(), held.velocity);
+            let behind = 0.5 * lag * v.dot(&lambda);
+            trailing += behind;
+            state.account.tool_work += behind + 0.5 * h * v_new.dot(&lambda);
+            work.impulse[held.tool.unwrap_or_default() as usize] -= lambda * kick;
+            held.fresh = false;
+            for axis in (0..3).filter(|a| held.axes[*a]) {
+                state.velocity[i].0[axis] = v_new[axis];
+                state.displacement[i].0[axis] = held.target[axis];
+            }
+            continue;
+        }
         let mass = state.live.mass[i];
         let residual = &work.residual[i].0;
         let mut lambda = Vec3::zeros();

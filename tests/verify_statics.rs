@@ -220,8 +220,7 @@ fn lowest_frequency_without_a_factor() {
         let model = common::model(text);
         let whole = &model.whole;
         let found = tissue::model::spectrum::lowest_held(
-            &model.pattern,
-            &whole.tensors,
+            model.stiffness(&whole.tensors),
             &whole.mass,
             &model.boundary.free,
         );

@@ -60,8 +60,14 @@ fn add(
     name: &str,
     bytes: &[u8],
 ) -> std::io::Result<()> {
+    // Elementary deformations do not get smaller.
+    let method = match name.ends_with(".bin") {
+        true => zip::CompressionMethod::Stored,
+        false => zip::CompressionMethod::Deflated,
+    };
     let options = SimpleFileOptions::default()
-        .compression_method(zip::CompressionMethod::Deflated)
+        .compression_method(method)
+        .large_file(bytes.len() >= 1 << 31)
         .last_modified_time(zip::DateTime::default())
         .unix_permissions(0o755);
     zip.start_file(name, options)?;

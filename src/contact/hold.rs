@@ -66,17 +66,28 @@ const REATTACH_DEPTH: f64 = 0.05;
 /// Force of the tissue on whatever holds a node \[N\]: elastic, damping, external; no inertia.
 pub fn reaction(model: &Model, state: &State, held: &Held) -> Vec3 {
     let i = held.node as usize;
+    if let Some(inside) = i.checked_sub(model.parts.moving) {
+        return -state.coupling.pressure_on(inside);
+    }
     let internal = state
         .live
         .tensors
-        .row_product(&model.pattern, i, &state.displacement);
+        .row_product(&model.pattern, i, &state.displacement)
+        - state.coupling.force_on(model, i);
     let damping = state.velocity[i].xyz() * (state.parameters.damping * state.live.mass[i]);
     let force = state.external[i].xyz() - internal - damping;
     Vec3::from_fn(|axis, _| if held.axes[axis] { force[axis] } else { 0.0 })
 }
 
-/// Updates what tool `k` holds. `touched` is scratch.
-pub fn update(model: &Model, state: &mut State, k: usize, touched: &mut Vec<(u32, [u32; 3])>) {
+/// Updates what tool `k` holds. `touched` is scratch. True where pre-computed tissue has been let go: it
+/// springs back at once, so that what is touched then must be asked again.
+#[must_use]
+pub fn update(
+    model: &Model,
+    state: &mut State,
+    k: usize,
+    touched: &mut Vec<(u32, [u32; 3])>,
+) -> bool {
     let tool = &model.scene.tools[k];
     let was_active = state.tools[k].active;
     let active = state.tools[k].input_active;
@@ -93,10 +104,13 @@ pub fn update(model: &Model, state: &mut State, k: usize, touched: &mut Vec<(u32
         ToolKind::Cautery if active => release(model, state, |h| h.tool == Some(k as u32)),
         ToolKind::Probe | ToolKind::Cautery => {
             touch(model, state, k, None, touched);
-            let_go(model, state, k, touched);
+            if let_go(model, state, k, touched) {
+                return true;
+            }
             attach(model, state, k, touched);
         }
     }
+    false
 }
 
 /// Exposed triangles that the tool touches within `length` of its tip.
@@ -110,8 +124,12 @@ fn touch(
     touched.clear();
     let capsule = Capsule::of(&model.scene.tools[k].shape, &state.tools[k].pose, length);
     let (low, high) = capsule.bounds(0.0);
+    let reach = (model.parts.moving + model.parts.touchable) as u32;
     for face in &state.live.surface {
         let vertices = state.live.triangle(model, *face);
+        if vertices.iter().any(|v| *v >= reach) {
+            continue;
+        }
         let corners = vertices.map(|v| state.position(model, v));
         if boxes_meet(&corners, &low, &high)
             && capsule.may_touch(&corners)
@@ -124,8 +142,9 @@ fn touch(
     touched.sort_unstable();
 }
 
-/// A probe lets go of vertices that pull, and forgets those it has let go once they are apart.
-fn let_go(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])]) {
+/// A probe lets go of vertices that pull, and forgets those it has let go once they are apart. Whether
+/// any of them is pre-computed.
+fn let_go(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])]) -> bool {
     let tool = k as u32;
     state.released.retain(|r| {
         r.tool != tool
@@ -133,6 +152,7 @@ fn let_go(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])
                 .iter()
                 .any(|(_, vertices)| vertices.contains(&r.node))
     });
+    let mut inside = false;
     for at in 0..state.held.len() {
         let held = state.held[at];
         if held.tool != Some(tool) {
@@ -150,10 +170,12 @@ fn let_go(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])
                 local,
                 normal,
             });
+            inside |= held.node as usize >= model.parts.moving;
             state.held[at].pulls = true;
         }
     }
     release(model, state, |h| h.pulls);
+    inside
 }
 
 /// Holds every vertex of the touched triangles that nobody holds yet.
@@ -193,7 +215,7 @@ fn attach(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])
                 normal: pose.orientation.inverse_transform_vector(&normal),
                 pulls: false,
                 fresh: true,
-                target: Vec3::zeros(),
+                target: state.displacement[i].xyz(),
                 velocity: Vec3::zeros(),
             });
             for axis in 0..3 {

@@ -138,35 +138,35 @@ impl Boundary {
         &self.loads[from..from + count]
     }
 
-    /// The same with other node numbers, `new_number[old]`.
-    pub fn renumbered(self, new_number: &[u32]) -> Boundary {
-        let mut free = self.free.clone();
-        let mut fixed = self.fixed.clone();
-        for (old, new) in new_number.iter().enumerate() {
-            free[*new as usize] = self.free[old];
-            fixed[*new as usize] = self.fixed[old];
-        }
-        let at = |node: u32| new_number[node as usize];
-        let mut loads: Vec<LoadedNode> = self
-            .loads
-            .into_iter()
+    /// The same with other node numbers, `new_number[old]` and `old_number[new]`. Where two new nodes
+    /// have the same old number both are held, but only the first named carries the load.
+    pub fn renumbered(self, new_number: &[u32], old_number: &[u32]) -> Boundary {
+        let held = |of: &[[bool; 3]]| old_number.iter().map(|old| of[*old as usize]).collect();
+        let mut loads: Vec<LoadedNode> = (self.loads.iter())
             .map(|l| LoadedNode {
-                node: at(l.node),
-                ..l
+                node: new_number[l.node as usize],
+                ..*l
             })
             .collect();
         loads.sort_by_key(|l| l.node);
+        let mut prescribed = Vec::new();
+        for p in &self.prescribed {
+            let first = new_number[p.node as usize];
+            prescribed.push(PrescribedNode { node: first, ..*p });
+        }
+        for (new, old) in old_number.iter().enumerate() {
+            let is_copy = new_number[*old as usize] as usize != new;
+            if let Some(p) = self.prescribed.iter().find(|p| is_copy && p.node == *old) {
+                prescribed.push(PrescribedNode {
+                    node: new as u32,
+                    ..*p
+                });
+            }
+        }
         Boundary {
-            free,
-            fixed,
-            prescribed: self
-                .prescribed
-                .into_iter()
-                .map(|p| PrescribedNode {
-                    node: at(p.node),
-                    ..p
-                })
-                .collect(),
+            free: held(&self.free),
+            fixed: held(&self.fixed),
+            prescribed,
             loads,
         }
     }

@@ -2,9 +2,15 @@
 
 pub mod boundary;
 pub mod critical_step;
+pub mod dense;
 pub mod edge_list;
+pub mod guyan;
 pub mod order;
+pub mod parts;
+pub mod precomputed;
 pub mod spectrum;
+pub mod stiffness;
+pub mod store;
 pub mod sweep;
 pub mod tensor_mass;
 
@@ -12,18 +18,23 @@ use crate::element::constant_strain::Shape;
 use crate::law::linear::Hooke;
 use crate::live::{LiveMesh, component_labels};
 use crate::mesh::check::MeshReport;
-use crate::mesh::topology::{NONE, Topology};
+use crate::mesh::topology::{Face, NONE, Topology};
 use crate::mesh::{self, MeshError, TetMesh, Vec3};
 use crate::scene::{
-    CutMass, Mass, OutputVertices, Scene, SceneError, Scheme, Selector, Start, ToolKind,
-    select_tetrahedra,
+    CutMass, InterfaceMass, Mass, OutputVertices, Scene, SceneError, Scheme, Selector, Start,
+    ToolKind, select_tetrahedra,
 };
 use crate::statics::StaticsError;
 use boundary::Boundary;
+use guyan::GuyanMass;
 use nalgebra::{Matrix6, SymmetricEigen, Vector6};
+use parts::{Partition, Parts};
+use precomputed::{Precomputed, Progress, Sizes};
 use spectrum::Spectrum;
+use stiffness::Stiffness;
+use store::Numbers;
 use sweep::Advance;
-use tensor_mass::Pattern;
+use tensor_mass::{Pattern, Tensors};
 
 /// Share of the guaranteed critical step that a chosen substep may use.
 pub const STEP_MARGIN: f64 = 0.9;
@@ -37,6 +48,9 @@ pub const UNEVEN_STEP_MARGIN: f64 = 0.5;
 /// Meshes of up to so many nodes are factored for their lowest frequency (some tenths of a GB); larger
 /// ones are iterated on.
 const DIRECT_NODES: usize = 12_000;
+
+/// Elementary deformations of all that tools could touch are computed unasked up to so much memory.
+const MOST_ELEMENTARY_BYTES: usize = 500_000_000;
 
 /// Default damping in units of the lowest angular frequency: fastest to equilibrium
 /// (0.75 of critical; see the equations of the manual).
@@ -69,6 +83,14 @@ pub enum ModelError {
     Statics(String, StaticsError),
 }
 
+/// What an earlier build of the same scene has found.
+#[derive(Debug, Default)]
+pub struct Known {
+    pub spectrum: Option<Spectrum>,
+    /// Of the pre-computed part.
+    pub numbers: Option<Numbers>,
+}
+
 /// The immutable part. Nodes are in an order of their own (reverse Cuthill-McKee); tetrahedra are in
 /// the scene's order.
 #[derive(Debug)]
@@ -78,17 +100,25 @@ pub struct Model {
     pub file: String,
     pub mesh: TetMesh,
     pub report: MeshReport,
-    /// Scene number of each node.
+    /// Scene number of each node. Two nodes have the same where the parts of a hybrid are not connected.
     pub scene_node: Vec<u32>,
-    /// Node of each scene number.
+    /// Node of each scene number, the moving one of two.
     pub node: Vec<u32>,
+    pub parts: Parts,
     pub topology: Topology,
+    /// Of the moving nodes.
     pub pattern: Pattern,
     /// A tetrahedron each.
     pub shape: Vec<Shape>,
     material_of: Vec<u32>,
     materials: Vec<MaterialLaw>,
     pub boundary: Boundary,
+    /// What the tetrahedra that are not dynamic amount to.
+    pub precomputed: Option<Precomputed>,
+    /// Tells apart what is stored of it.
+    pub precomputed_key: u64,
+    /// Of the interface, where the scene asks for it.
+    pub guyan: Option<GuyanMass>,
     /// The mesh before any cut.
     pub whole: LiveMesh,
     pub spectrum: Spectrum,
@@ -100,23 +130,24 @@ pub struct Model {
     pub surface_nodes: Vec<u32>,
     /// Longest rest edge \[m\].
     pub longest_edge: f64,
-    /// Displacement at time 0 \[m\].
+    /// Displacement of the known nodes at time 0 \[m\].
     pub start_displacement: Vec<Vec3>,
     /// Tells saved states of different models apart.
     pub fingerprint: u64,
 }
 
 impl Model {
-    /// `spectrum`: known from an earlier build of the same scene, or computed.
     pub fn new(scene: Scene, mesh: TetMesh, file: &str) -> Result<Model, ModelError> {
-        Model::with_spectrum(scene, mesh, file, None)
+        Model::build(scene, mesh, file, Known::default(), &|_| {})
     }
 
-    pub fn with_spectrum(
+    /// What is `known` from an earlier build is not computed again.
+    pub fn build(
         scene: Scene,
         mut mesh: TetMesh,
         file: &str,
-        known: Option<Spectrum>,
+        known: Known,
+        progress: Progress,
     ) -> Result<Model, ModelError> {
         let report =
             mesh::check::repair(&mut mesh).map_err(|e| ModelError::Mesh(file.to_string(), e))?;
@@ -135,25 +166,37 @@ impl Model {
         }
         cuts.sort_by(|a, b| a.time.total_cmp(&b.time));
 
-        let scene_node = order::reverse_cuthill_mckee(&neighbours(&mesh));
-        let mut node = vec![0; scene_node.len()];
-        for (new, old) in scene_node.iter().enumerate() {
+        let scene_nodes = mesh.nodes.len();
+        let key = precomputed_key(&scene, &mesh);
+        let fingerprint = fingerprint(&scene, &mesh);
+        let partition = Partition::new(&scene, mesh, file)?;
+        let (order, parts) = partition.order(&scene, file)?;
+        let mut node = vec![0; order.len()];
+        for (new, old) in order.iter().enumerate() {
             node[*old as usize] = new as u32;
         }
-        mesh = TetMesh {
-            nodes: scene_node
+        let mesh = TetMesh {
+            nodes: order
                 .iter()
-                .map(|old| mesh.nodes[*old as usize])
+                .map(|old| partition.mesh.nodes[*old as usize])
                 .collect(),
-            tetrahedra: mesh
-                .tetrahedra
-                .iter()
+            tetrahedra: (partition.mesh.tetrahedra.iter())
                 .map(|t| t.map(|v| node[v as usize]))
                 .collect(),
         };
-        let boundary = boundary.renumbered(&node);
+        let scene_node: Vec<u32> = order
+            .iter()
+            .map(|old| partition.origin[*old as usize])
+            .collect();
+        node.truncate(scene_nodes);
+        let boundary = boundary.renumbered(&node, &scene_node);
         let topology = Topology::new(&mesh);
-        let pattern = Pattern::new(mesh.nodes.len(), &mesh.tetrahedra);
+        let moves = |t: &usize| parts.dynamic[*t];
+        let dynamic: Vec<[u32; 4]> = (0..mesh.tetrahedra.len())
+            .filter(moves)
+            .map(|t| mesh.tetrahedra[t])
+            .collect();
+        let pattern = Pattern::new(parts.moving, &dynamic);
         let shape: Vec<Shape> = mesh
             .tetrahedra
             .iter()
@@ -168,7 +211,6 @@ impl Model {
             .map(|(a, b)| (mesh.nodes[a as usize] - mesh.nodes[b as usize]).norm_squared())
             .fold(0.0, f64::max)
             .sqrt();
-        let fingerprint = fingerprint(&scene, &mesh);
         let mut model = Model {
             file: file.to_string(),
             report,
@@ -180,6 +222,9 @@ impl Model {
             material_of,
             materials,
             boundary,
+            precomputed: None,
+            precomputed_key: key,
+            guyan: None,
             whole: LiveMesh::default(),
             spectrum: Spectrum {
                 lowest: 0.0,
@@ -190,7 +235,8 @@ impl Model {
             cuts,
             surface_nodes: Vec::new(),
             longest_edge,
-            start_displacement: vec![Vec3::zeros(); mesh.nodes.len()],
+            start_displacement: vec![Vec3::zeros(); parts.known],
+            parts,
             fingerprint,
             mesh,
             scene,
@@ -204,7 +250,11 @@ impl Model {
         }
         model.surface_nodes = model.shown_nodes();
         model.rigid_modes = model.count_rigid_modes(&model.whole.alive);
-        model.spectrum = match known {
+        model.check_cuts()?;
+        if model.parts.has_precomputed() {
+            model.precompute(known.numbers, progress)?;
+        }
+        model.spectrum = match known.spectrum {
             Some(spectrum) => spectrum,
             None => model.compute_spectrum()?,
         };
@@ -212,9 +262,9 @@ impl Model {
         Ok(model)
     }
 
-    /// The same mesh with another scene.
-    pub fn with_scene(&self, scene: Scene) -> Result<Model, ModelError> {
-        let mesh = TetMesh {
+    /// The mesh with the scene's numbers.
+    pub fn scene_mesh(&self) -> TetMesh {
+        TetMesh {
             nodes: self
                 .node
                 .iter()
@@ -223,23 +273,93 @@ impl Model {
             tetrahedra: (self.mesh.tetrahedra.iter())
                 .map(|t| t.map(|v| self.scene_node[v as usize]))
                 .collect(),
+        }
+    }
+
+    /// The same mesh with another scene.
+    pub fn with_scene(&self, scene: Scene) -> Result<Model, ModelError> {
+        Model::new(scene, self.scene_mesh(), &self.file)
+    }
+
+    /// K on the moving nodes with the tensors of a live mesh.
+    pub fn stiffness<'a>(&'a self, tensors: &'a Tensors) -> Stiffness<'a> {
+        let part = self.precomputed.as_ref();
+        Stiffness {
+            pattern: &self.pattern,
+            tensors,
+            interface: part.map(|p| (&p.interface, self.parts.connected_from())),
+        }
+    }
+
+    pub fn has_guyan_mass(&self) -> bool {
+        self.scene.model.interface_mass == InterfaceMass::Guyan && self.parts.connection > 0
+    }
+
+    /// Only what is dynamic can be cut.
+    fn check_cuts(&self) -> Result<(), SceneError> {
+        for (k, cut) in self.scene.cuts.iter().enumerate() {
+            let path = format!("cuts[{k}].where");
+            let scene_mesh = self.scene_mesh();
+            let chosen = chosen(&cut.selector, &scene_mesh, &self.file, path.clone())?;
+            let fixed = chosen.iter().filter(|t| !self.parts.dynamic[**t as usize]);
+            let count = fixed.count();
+            if count > 0 {
+                return Err(SceneError::at(
+                    &self.file,
+                    path,
+                    format!(
+                        "selects {count} tetrahedra of the pre-computed part; must select dynamic ones only"
+                    ),
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Bytes of elementary deformations.
+    pub fn elementary_bytes(&self) -> usize {
+        let sizes = Sizes::of(self);
+        8 * sizes.lengths().iter().sum::<usize>()
+    }
+
+    fn precompute(&mut self, known: Option<Numbers>, progress: Progress) -> Result<(), ModelError> {
+        let bytes = self.elementary_bytes();
+        if self.scene.model.touchable.is_none() && bytes > MOST_ELEMENTARY_BYTES {
+            return Err(SceneError::at(
+                &self.file,
+                "model.touchable",
+                format!(
+                    "is needed: elementary deformations of all {} surface nodes of the pre-computed part would take {:.1} GB; must select the nodes that tools can touch",
+                    self.parts.touchable,
+                    bytes as f64 / 1e9
+                ),
+            )
+            .into());
+        }
+        let stored = known.and_then(|numbers| Precomputed::from_numbers(self, numbers));
+        let part = match stored {
+            Some(part) => part,
+            None => {
+                let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
+                let numbers = precomputed::compute(self, threads, progress)
+                    .map_err(|e| ModelError::Statics(self.file.clone(), e))?;
+                Precomputed::from_numbers(self, numbers.into())
+                    .ok_or_else(|| ModelError::Statics(self.file.clone(), StaticsError::Memory))?
+            }
         };
-        Model::new(scene, mesh, &self.file)
+        self.guyan = part.guyan.as_ref().map(|mass| GuyanMass::new(self, mass));
+        self.precomputed = Some(part);
+        Ok(())
     }
 
     fn compute_spectrum(&self) -> Result<Spectrum, ModelError> {
-        let (pattern, live, free) = (&self.pattern, &self.whole, &self.boundary.free);
-        let highest = spectrum::highest(pattern, &live.tensors, &live.mass, free);
-        let lowest = if self.mesh.nodes.len() <= DIRECT_NODES {
-            spectrum::lowest(
-                pattern,
-                &live.tensors,
-                &live.mass,
-                free,
-                highest,
-                self.rigid_modes,
-            )
-            .map_err(|e| ModelError::Statics(self.file.clone(), e))?
+        let (live, moving) = (&self.whole, self.parts.moving);
+        let stiffness = self.stiffness(&live.tensors);
+        let (mass, free) = (&live.mass[..moving], &self.boundary.free[..moving]);
+        let highest = spectrum::highest(stiffness, mass, free);
+        let lowest = if moving <= DIRECT_NODES {
+            spectrum::lowest(stiffness, mass, free, highest, self.rigid_modes)
+                .map_err(|e| ModelError::Statics(self.file.clone(), e))?
         } else if self.scene.integration.damping.is_some() {
             0.0
         } else if self.rigid_modes > 0 {
@@ -252,9 +372,16 @@ impl Model {
             )
             .into());
         } else {
-            spectrum::lowest_held(pattern, &live.tensors, &live.mass, free)
+            spectrum::lowest_held(stiffness, mass, free)
+        };
+        // Condensed tissue is softer than what it stands for, so that every tetrahedron that moves, or
+        // moves connection nodes, bounds.
+        let bounds = |t: &usize| {
+            let nodes = &self.mesh.tetrahedra[*t];
+            nodes.iter().any(|v| (*v as usize) < moving)
         };
         let element_bound = (0..self.shape.len())
+            .filter(bounds)
             .map(|t| {
                 let material = self.material(t);
                 self.shape[t].largest_eigenvalue(&material.law, material.density)
@@ -346,59 +473,63 @@ impl Model {
         period / parts.max(1.0)
     }
 
+    /// By scene number, a moving node before its copy.
     fn shown_nodes(&self) -> Vec<u32> {
-        let mut shown = vec![false; self.mesh.nodes.len()];
+        let mut shown = vec![false; self.parts.known];
+        let cuttable = self.can_be_cut();
         match self.scene.outputs.vertices {
             OutputVertices::None => {}
             OutputVertices::All => shown.fill(true),
-            OutputVertices::Surface if self.can_be_cut() => {
-                for (scene_node, node) in self.node.iter().enumerate() {
-                    shown[scene_node] = self.whole.star_count[*node as usize] > 0;
-                }
-            }
             OutputVertices::Surface => {
-                for face in self
-                    .topology
-                    .faces
-                    .iter()
-                    .filter(|f| f.tetrahedra[1] == NONE)
-                {
-                    for v in face.vertices {
-                        shown[self.scene_node[v as usize] as usize] = true;
-                    }
+                for v in 0..self.parts.moving {
+                    shown[v] = cuttable && self.whole.star_count[v] > 0;
+                }
+                let on_boundary = |f: &&Face| f.tetrahedra[1] == NONE;
+                for face in self.topology.faces.iter().filter(on_boundary) {
+                    face.vertices.iter().for_each(|v| shown[*v as usize] = true);
                 }
             }
         }
-        (0..shown.len())
-            .filter(|k| shown[*k])
-            .map(|k| self.node[k])
-            .collect()
+        let mut nodes: Vec<u32> = (0..self.parts.known as u32)
+            .filter(|v| shown[*v as usize])
+            .collect();
+        nodes.sort_by_key(|v| self.shown_key(*v));
+        nodes
+    }
+
+    fn shown_key(&self, node: u32) -> (u32, bool) {
+        let scene_node = self.scene_node[node as usize];
+        (scene_node, self.node[scene_node as usize] != node)
     }
 
     /// Place of a node among the shown ones, or -1.
     pub fn shown_index(&self, node: u32) -> i32 {
-        let key = self.scene_node[node as usize];
         self.surface_nodes
-            .binary_search_by_key(&key, |n| self.scene_node[*n as usize])
+            .binary_search_by_key(&self.shown_key(node), |n| self.shown_key(*n))
             .map_or(-1, |k| k as i32)
     }
 
     fn displacement_at_start(&self) -> Result<Vec<Vec3>, ModelError> {
         match self.scene.start {
-            Start::Rest => Ok(vec![Vec3::zeros(); self.mesh.nodes.len()]),
+            Start::Rest => Ok(vec![Vec3::zeros(); self.parts.known]),
             Start::Equilibrium => crate::reference::equilibrium(self, &self.whole)
-                .map(|(u, _)| u)
+                .map(|(mut u, _)| {
+                    u.truncate(self.parts.known);
+                    u
+                })
                 .map_err(|e| ModelError::Statics(self.file.clone(), e)),
         }
     }
 
     /// Faces that can ever be exposed.
     pub fn exposable_faces(&self) -> usize {
-        if self.can_be_cut() {
-            self.topology.faces.len()
-        } else {
-            self.whole.surface.len()
+        if !self.can_be_cut() {
+            return self.whole.surface.len();
         }
+        let may_go = |t: &u32| *t == NONE || self.parts.dynamic[*t as usize];
+        (self.topology.faces.iter())
+            .filter(|f| f.tetrahedra.iter().any(may_go))
+            .count()
     }
 
     /// Rigid motions that nothing holds, over all pieces of what is alive: for each piece 6 less the rank
@@ -505,8 +636,29 @@ fn neighbours(mesh: &TetMesh) -> Vec<Vec<u32>> {
     neighbours
 }
 
+/// FNV-1a over what the pre-computed part follows from.
+pub fn precomputed_key(scene: &Scene, mesh: &TetMesh) -> u64 {
+    let mut hash = Fnv::default();
+    let parts = (
+        (
+            &scene.materials,
+            &scene.fixed,
+            &scene.prescribed,
+            &scene.loads,
+        ),
+        (&scene.model, scene.integration.mass, scene.outputs.vertices),
+        scene.start == Start::Equilibrium,
+        scene.tools.is_empty(),
+    );
+    if let Ok(text) = serde_json::to_vec(&parts) {
+        hash.write(&text);
+    }
+    hash.mesh(mesh);
+    hash.0
+}
+
 /// FNV-1a over the scene as written and the mesh.
-fn fingerprint(scene: &Scene, mesh: &TetMesh) -> u64 {
+pub fn fingerprint(scene: &Scene, mesh: &TetMesh) -> u64 {
     let mut hash = Fnv::default();
     // Gravity is the host's to change, and part of the state.
     let scene = Scene {
@@ -516,14 +668,7 @@ fn fingerprint(scene: &Scene, mesh: &TetMesh) -> u64 {
     if let Ok(text) = serde_json::to_vec(&scene) {
         hash.write(&text);
     }
-    for p in &mesh.nodes {
-        p.iter()
-            .for_each(|x| hash.write(&x.to_bits().to_le_bytes()));
-    }
-    mesh.tetrahedra
-        .iter()
-        .flatten()
-        .for_each(|v| hash.write(&v.to_le_bytes()));
+    hash.mesh(mesh);
     hash.0
 }
 
@@ -537,6 +682,17 @@ impl Default for Fnv {
 }
 
 impl Fnv {
+    fn mesh(&mut self, mesh: &TetMesh) {
+        for p in &mesh.nodes {
+            p.iter()
+                .for_each(|x| self.write(&x.to_bits().to_le_bytes()));
+        }
+        mesh.tetrahedra
+            .iter()
+            .flatten()
+            .for_each(|v| self.write(&v.to_le_bytes()));
+    }
+
     pub fn write(&mut self, bytes: &[u8]) {
         for byte in bytes {
             self.0 = (self.0 ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3);

@@ -3,7 +3,8 @@
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen};
 use serde::{Deserialize, Serialize};
 
-use super::tensor_mass::{Lane, Pattern, Tensors};
+use super::stiffness::Stiffness;
+use super::tensor_mass::Lane;
 use crate::mesh::Vec3;
 use crate::statics::{Factor, Numbering, StaticsError};
 
@@ -21,7 +22,7 @@ pub struct Spectrum {
 /// Highest angular frequency by Lanczos; the residual is added, so that the result is an upper bound of
 /// the eigenvalue found. Without reorthogonalisation: copies of the largest do no harm, and two vectors
 /// are all the memory.
-pub fn highest(pattern: &Pattern, tensors: &Tensors, mass: &[f64], free: &[[bool; 3]]) -> f64 {
+pub fn highest(stiffness: Stiffness, mass: &[f64], free: &[[bool; 3]]) -> f64 {
     let n = mass.len();
     // Inverse square roots of the masses; zero where not free.
     let scale: Vec<Vec3> = (0..n)
@@ -54,7 +55,7 @@ pub fn highest(pattern: &Pattern, tensors: &Tensors, mass: &[f64], free: &[[bool
             next[i] /= norm;
             input[i] = next[i].component_mul(&scale[i]).into();
         }
-        tensors.product(pattern, &input, &mut output);
+        stiffness.product(&input, &mut output);
         let last = beta.last().copied().unwrap_or(0.0);
         for i in 0..n {
             output[i].component_mul_assign(&scale[i]);
@@ -90,18 +91,21 @@ pub fn highest(pattern: &Pattern, tensors: &Tensors, mass: &[f64], free: &[[bool
 /// Lowest angular frequency of tissue that is held against every rigid motion, by locally optimal
 /// conjugate gradients on the Rayleigh quotient with the vertex tensors as preconditioner (Knyazev
 /// 2001): no factor, so it serves meshes whose factor would not fit.
-pub fn lowest_held(pattern: &Pattern, tensors: &Tensors, mass: &[f64], free: &[[bool; 3]]) -> f64 {
+pub fn lowest_held(stiffness: Stiffness, mass: &[f64], free: &[[bool; 3]]) -> f64 {
     let n = mass.len();
     let mut inverse = vec![Matrix3::zeros(); n];
-    for (i, j, mut block) in tensors.entries(pattern) {
+    for (i, j, block) in stiffness.entries() {
         if i == j {
-            for axis in (0..3).filter(|a| !free[i][*a]) {
-                block.row_mut(axis).fill(0.0);
-                block.column_mut(axis).fill(0.0);
-                block[(axis, axis)] = 1.0;
-            }
-            inverse[i] = block.try_inverse().unwrap_or_else(Matrix3::zeros);
+            inverse[i] += block;
         }
+    }
+    for (i, block) in inverse.iter_mut().enumerate() {
+        for axis in (0..3).filter(|a| !free[i][*a]) {
+            block.row_mut(axis).fill(0.0);
+            block.column_mut(axis).fill(0.0);
+            block[(axis, axis)] = 1.0;
+        }
+        *block = block.try_inverse().unwrap_or_else(Matrix3::zeros);
     }
     let only_free = |v: &mut [Vec3]| {
         for (v, free) in v.iter_mut().zip(free) {
@@ -109,10 +113,10 @@ pub fn lowest_held(pattern: &Pattern, tensors: &Tensors, mass: &[f64], free: &[[
         }
     };
     let mut lanes = vec![Lane::default(); n];
-    let mut stiffness = |x: &[Vec3]| {
+    let mut product = |x: &[Vec3]| {
         lanes.iter_mut().zip(x).for_each(|(l, x)| *l = (*x).into());
         let mut kx = vec![Vec3::zeros(); n];
-        tensors.product(pattern, &lanes, &mut kx);
+        stiffness.product(&lanes, &mut kx);
         only_free(&mut kx);
         kx
     };
@@ -130,7 +134,7 @@ pub fn lowest_held(pattern: &Pattern, tensors: &Tensors, mass: &[f64], free: &[[
         return 0.0;
     }
     x.iter_mut().for_each(|x| *x /= norm);
-    let mut kx = stiffness(&x);
+    let mut kx = product(&x);
     let mut value = dot(&x, &kx);
     let (mut p, mut kp): (Vec<Vec3>, Vec<Vec3>) = (Vec::new(), Vec::new());
     let mut settled = 0;
@@ -144,7 +148,7 @@ pub fn lowest_held(pattern: &Pattern, tensors: &Tensors, mass: &[f64], free: &[[
             break;
         }
         w.iter_mut().for_each(|w| *w /= norm);
-        let kw = stiffness(&w);
+        let kw = product(&w);
         let (basis, images) = if p.is_empty() {
             (vec![&x, &w], vec![&kx, &kw])
         } else {
@@ -199,8 +203,7 @@ impl Random {
 
 /// Lowest non-rigid angular frequency by subspace iteration on (K + shift M)^-1 M.
 pub fn lowest(
-    pattern: &Pattern,
-    tensors: &Tensors,
+    stiffness: Stiffness,
     mass: &[f64],
     free: &[[bool; 3]],
     highest: f64,
@@ -224,7 +227,7 @@ pub fn lowest(
     } else {
         0.0
     };
-    let factor = Factor::new(pattern, tensors, &numbering, Some((shift, mass)))?;
+    let factor = Factor::new(stiffness.entries(), &numbering, Some((shift, mass)))?;
     let count = (rigid_modes + 6).min(size);
     let mut random = Random(0x2545_f491_4f6c_dd1d);
     let mut columns: Vec<f64> = (0..count * size).map(|_| random.next() - 0.5).collect();

@@ -163,6 +163,16 @@ impl Tensors {
         Matrix3::from_row_slice(&self.0[9 * place..9 * place + 9])
     }
 
+    /// Tensors K_ij of row i with j >= i.
+    pub fn upper_row<'a>(
+        &'a self,
+        pattern: &'a Pattern,
+        i: usize,
+    ) -> impl Iterator<Item = (usize, Matrix3<f64>)> + 'a {
+        let row = pattern.row(i);
+        row.map(|place| (pattern.column[place] as usize, self.at(place)))
+    }
+
     /// (K u)_i \[N\], alone: for the few vertices whose reaction is wanted.
     pub fn row_product(&self, pattern: &Pattern, i: usize, u: &[Lane]) -> Vec3 {
         let mut sum = Vec3::zeros();

@@ -342,15 +342,16 @@ fn load(node: &Node) -> Result<Load> {
 fn model_settings(node: &Node) -> Result<ModelSettings> {
     #[rustfmt::skip]
     let [
-        kind, dynamic, connection, interface_modes, interface_mass, elasticity, form, adaptive,
+        kind, dynamic, touchable, connection, interface_modes, interface_mass, elasticity, form, adaptive,
         nonlinear_threshold, incompressibility, element, hourglass,
     ] = node.keys([
-        "kind", "dynamic", "connection", "interfaceModes", "interfaceMass", "elasticity", "form",
-        "adaptive", "nonlinearThreshold", "incompressibility", "element", "hourglass",
+        "kind", "dynamic", "touchable", "connection", "interfaceModes", "interfaceMass", "elasticity",
+        "form", "adaptive", "nonlinearThreshold", "incompressibility", "element", "hourglass",
     ])?;
     let default = ModelSettings::default();
-    Ok(ModelSettings {
+    let settings = ModelSettings {
         kind: kind.or(default.kind, Node::choice)?,
+        touchable: touchable.maybe(|n| selector(n, Of::Nodes))?,
         dynamic: dynamic.maybe(|n| selector(n, Of::Tetrahedra))?,
         connection: connection.or(default.connection.clone(), |n| match n.is_object() {
             true => {
@@ -374,7 +375,46 @@ fn model_settings(node: &Node) -> Result<ModelSettings> {
         hourglass: hourglass.or(default.hourglass, |n| {
             n.number_in("0.2 or more", |c| c >= 0.2)
         })?,
-    })
+    };
+    let hybrid = settings.kind == ModelKind::Hybrid;
+    if hybrid && settings.dynamic.is_none() {
+        return Err(kind.wrong(
+            "names no dynamic part",
+            "must stand beside \"dynamic\": SELECTOR",
+        ));
+    }
+    let precomputed = hybrid || settings.kind == ModelKind::QuasiStatic;
+    let (of_hybrid, of_both) = ("\"hybrid\"", "\"hybrid\" or \"quasiStatic\"");
+    let misplaced = [
+        (!hybrid && settings.dynamic.is_some(), &dynamic, of_hybrid),
+        (
+            !hybrid && settings.connection != default.connection,
+            &connection,
+            of_hybrid,
+        ),
+        (
+            !hybrid && settings.interface_modes.is_some(),
+            &interface_modes,
+            of_hybrid,
+        ),
+        (
+            !hybrid && settings.interface_mass != default.interface_mass,
+            &interface_mass,
+            of_hybrid,
+        ),
+        (
+            !precomputed && settings.touchable.is_some(),
+            &touchable,
+            of_both,
+        ),
+    ];
+    match misplaced.into_iter().find(|(wrong, ..)| *wrong) {
+        Some((_, key, kind)) => Err(key.wrong(
+            "belongs to another kind of model",
+            &format!("must stand beside \"kind\": {kind}"),
+        )),
+        None => Ok(settings),
+    }
 }
 
 fn integration(node: &Node) -> Result<Integration> {

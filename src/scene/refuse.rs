@@ -24,11 +24,7 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     let text = |path: &str| path.to_string();
     #[rustfmt::skip]
     let mut table = vec![
-        (model.kind != ModelKind::TensorMass, text("model.kind"), word(&model.kind), "use tensorMass"),
-        (model.dynamic.is_some(), text("model.dynamic"), text("a dynamic part"), "remove it"),
-        (model.connection != Connection::Full, text("model.connection"), text("a choice of connection nodes"), "use \"full\""),
-        (model.interface_modes.is_some(), text("model.interfaceModes"), text("a choice of interface modes"), "use null"),
-        (model.interface_mass != InterfaceMass::Lumped, text("model.interfaceMass"), word(&model.interface_mass), "use lumped"),
+        (model.kind == ModelKind::SpringMass, text("model.kind"), word(&model.kind), "use tensorMass"),
         (model.elasticity != Elasticity::Linear, text("model.elasticity"), word(&model.elasticity), "use linear"),
         (model.form != Form::PerTetrahedron, text("model.form"), word(&model.form), "use perTetrahedron"),
         (model.adaptive != Adaptive::Blend, text("model.adaptive"), word(&model.adaptive), "use blend"),

@@ -316,6 +316,9 @@ pub struct ModelSettings {
     /// Hybrid: the selected tetrahedra are tensor-mass, the rest pre-computed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dynamic: Option<Selector>,
+    /// Pre-computed part: which of its surface nodes tools can touch; absent: all, where memory allows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub touchable: Option<Selector>,
     /// Hybrid: which shared nodes are connected; default `full`.
     pub connection: Connection,
     /// Hybrid: `null`: all; n: the n softest interface modes plus a constant shift.
@@ -347,6 +350,7 @@ impl Default for ModelSettings {
         Self {
             kind: ModelKind::TensorMass,
             dynamic: None,
+            touchable: None,
             connection: Connection::Full,
             interface_modes: None,
             interface_mass: InterfaceMass::Lumped,

@@ -287,6 +287,7 @@ impl Instance {
         }
         let removed = self.simulation.state().live.removed.len();
         let halvings = self.simulation.halvings();
+        let spared = self.simulation.spared();
         let outcome = self.simulation.step(length);
         if let Err(e @ (StepError::Length(_) | StepError::TooLong(..))) = outcome {
             return Err(error(e));
@@ -303,6 +304,12 @@ impl Instance {
         self.mode = Mode::StepComplete;
         self.last_time = end;
         self.last_step = Status::Ok;
+        if self.simulation.spared() && !spared && self.logger.wants(Status::Warning) {
+            let line = format!(
+                "fmi2DoStep: before {end} s a cautery has touched pre-computed tissue, which cannot be cut; only the dynamic part can"
+            );
+            self.logger.log(Status::Warning, &line);
+        }
         self.report(end, removed, halvings);
         Ok(())
     }

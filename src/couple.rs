@@ -1,0 +1,379 @@
+//! The pre-computed part while a scene runs: what moves it, what it answers.
+//!
+//! Everything here follows from displacements, held nodes and amplitudes:
+//!
+//! G_tt lambda = u_t - sum_k a_k w_k,t - Phi_t u_c,
+//! force on c = sum_k a_k g_k - S u_c + Phi_t^T lambda.
+//!
+//! S u_c is evaluated in every substep: a coupling force that is held for a while is negative damping.
+//! Its potential is quadratic in (u_c, u_t, a), so the trapezoid closes the energy account to round-off.
+
+use crate::contact::hold::Held;
+use crate::mesh::Vec3;
+use crate::model::Model;
+use crate::model::dense::{Packed, add_scaled, dot};
+use crate::model::precomputed::Precomputed;
+use crate::model::tensor_mass::Lane;
+
+/// Contact degrees of freedom there is room for without allocating.
+const ROOM: usize = 384;
+/// Numbers read to keep far nodes up to date, a haptic tick.
+const ROUND: usize = 150_000;
+
+/// Where the energy of the pre-computed part is \[J\].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Stored {
+    pub elastic: f64,
+    /// Of gravity and of loads on the nodes inside: -f . u.
+    pub gravity: f64,
+    pub load: f64,
+}
+
+impl Stored {
+    pub fn total(&self) -> f64 {
+        self.elastic + self.gravity + self.load
+    }
+}
+
+/// A coupling as it was before something changed at once.
+#[derive(Clone, Debug, Default)]
+pub struct Before {
+    potential: f64,
+    force: Vec<f64>,
+    pressure: Vec<f64>,
+    held: Vec<u32>,
+}
+
+impl Before {
+    pub fn with_room(model: &Model) -> Before {
+        Before {
+            potential: 0.0,
+            force: Vec::with_capacity(3 * model.parts.connection),
+            pressure: Vec::with_capacity(ROOM),
+            held: Vec::with_capacity(ROOM),
+        }
+    }
+
+    /// Must come before the change; [`Before::gained`] after it.
+    pub fn remember(&mut self, model: &Model, coupling: &Coupling) {
+        self.potential = coupling.energy(model).total();
+        self.force.clone_from(&coupling.force);
+        self.pressure.clone_from(&coupling.pressure);
+        self.held.clone_from(&coupling.held);
+    }
+
+    /// Energy that the event has put into the account \[J\]: change of the potential, and what changes in
+    /// its half steps, lag/2 (v_c . change of force - v_t . change of pressure), t what stays held.
+    pub fn gained(&self, model: &Model, now: &Coupling, velocity: &[Lane], lag: f64) -> f64 {
+        let (from, moving) = (model.parts.connected_from(), model.parts.moving);
+        let mut power = 0.0;
+        for (dof, (now, before)) in now.force.iter().zip(&self.force).enumerate() {
+            power += velocity[from + dof / 3].0[dof % 3] * (now - before);
+        }
+        for (dof, now) in now.held.iter().zip(&now.pressure) {
+            if let Some(k) = self.held.iter().position(|d| d == dof) {
+                let dof = *dof as usize;
+                power -= velocity[moving + dof / 3].0[dof % 3] * (now - self.pressure[k]);
+            }
+        }
+        now.energy(model).total() - self.potential + 0.5 * lag * power
+    }
+
+    /// Degrees of freedom held then and no more.
+    pub fn let_go(&self, now: &Coupling) -> impl Iterator<Item = u32> {
+        let gone = |dof: &&u32| !now.held.contains(dof);
+        self.held.iter().filter(gone).copied()
+    }
+
+    /// lambda then \[N\].
+    pub fn pressure_at(&self, dof: u32) -> f64 {
+        let at = self.held.iter().position(|d| *d == dof);
+        at.map_or(0.0, |k| self.pressure[k])
+    }
+}
+
+/// Follows from the rest of a state. Empty where nothing is pre-computed.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Coupling {
+    /// a_k
+    amplitude: Vec<f64>,
+    /// Held degrees of freedom inside, 3 node + axis counted from the first such node, in order of
+    /// attachment; and the Cholesky factor of G_tt.
+    held: Vec<u32>,
+    factor: Packed,
+    /// G_tt lambda \[m\] and lambda \[N\], of tools on tissue.
+    gap: Vec<f64>,
+    pub pressure: Vec<f64>,
+    /// u_c and S u_c, padded.
+    moved: Vec<f64>,
+    elastic: Vec<f64>,
+    /// On connection nodes \[N\].
+    pub force: Vec<f64>,
+    /// Next node to be looked at in turn.
+    pub turn: usize,
+}
+
+impl Coupling {
+    pub fn new(model: &Model) -> Coupling {
+        let Some(part) = &model.precomputed else {
+            return Coupling::default();
+        };
+        let padded = (3 * part.connection).next_multiple_of(4);
+        let mut coupling = Coupling {
+            amplitude: vec![0.0; part.drives.len()],
+            moved: vec![0.0; padded],
+            elastic: vec![0.0; padded],
+            force: vec![0.0; 3 * part.connection],
+            ..Coupling::default()
+        };
+        coupling.reserve();
+        coupling
+    }
+
+    /// Room for contacts; a copy has none.
+    pub fn reserve(&mut self) {
+        if self.amplitude.is_empty() {
+            return;
+        }
+        self.factor.reserve(ROOM);
+        self.gap.reserve(ROOM);
+        self.pressure.reserve(ROOM);
+        self.held.reserve(ROOM);
+    }
+
+    /// Keeps the room that there is.
+    pub fn copy_from(&mut self, other: &Coupling) {
+        self.amplitude.clone_from(&other.amplitude);
+        self.held.clone_from(&other.held);
+        self.factor.copy_from(&other.factor);
+        self.gap.clone_from(&other.gap);
+        self.pressure.clone_from(&other.pressure);
+        self.moved.clone_from(&other.moved);
+        self.elastic.clone_from(&other.elastic);
+        self.force.clone_from(&other.force);
+        self.turn = other.turn;
+    }
+
+    /// Whether any amplitude has changed.
+    pub fn set_amplitudes(&mut self, model: &Model, gravity: &[f64; 3], time: f64) -> bool {
+        let Some(part) = &model.precomputed else {
+            return false;
+        };
+        let mut changed = false;
+        for (a, source) in self.amplitude.iter_mut().zip(&part.drives) {
+            let now = source.amplitude(gravity, time);
+            changed |= now != *a;
+            *a = now;
+        }
+        changed
+    }
+
+    /// Takes over which nodes inside are held. Whether that has changed.
+    pub fn set_held(&mut self, model: &Model, held: &[Held]) -> bool {
+        let Some(part) = &model.precomputed else {
+            return false;
+        };
+        let moving = model.parts.moving;
+        let dofs = || {
+            let inside = held.iter().filter(|h| h.node as usize >= moving);
+            inside.flat_map(|h| {
+                let first = 3 * (h.node - moving as u32);
+                (0..3).filter(|a| h.axes[*a]).map(move |a| first + a as u32)
+            })
+        };
+        let same = dofs().zip(&self.held).take_while(|(a, b)| a == *b).count();
+        let count = dofs().count();
+        if same == count && same == self.held.len() {
+            return false;
+        }
+        self.held.truncate(same);
+        self.factor.truncate(same);
+        for dof in dofs().skip(same) {
+            let column = part.compliance(dof as usize);
+            let row = self.held.len();
+            self.held.push(dof);
+            let held = &self.held;
+            self.factor.push(row, |k| column[held[k] as usize]);
+        }
+        self.gap.resize(count, 0.0);
+        self.pressure.resize(count, 0.0);
+        true
+    }
+
+    /// Everything at the present displacements.
+    pub fn solve(&mut self, model: &Model, displacement: &[Lane]) {
+        let Some(part) = &model.precomputed else {
+            return;
+        };
+        let (from, moving) = (model.parts.connected_from(), model.parts.moving);
+        let size = 3 * part.connection;
+        for (packed, u) in self.moved.chunks_mut(3).zip(&displacement[from..moving]) {
+            packed.copy_from_slice(&u.0[..3]);
+        }
+        part.interface.product(&self.moved, &mut self.elastic);
+        for (force, elastic) in self.force.iter_mut().zip(&self.elastic) {
+            *force = -elastic;
+        }
+        for (k, a) in self.amplitude.iter().enumerate() {
+            if *a != 0.0 {
+                add_scaled(&mut self.force, *a, part.push(k));
+            }
+        }
+        for row in 0..self.held.len() {
+            let dof = self.held[row] as usize;
+            let target = displacement[moving + dof / 3].0[dof % 3];
+            let reached =
+                self.driven(part, dof, true) + dot(part.influence(dof), &self.moved[..size]);
+            self.gap[row] = target - reached;
+        }
+        self.pressure.copy_from_slice(&self.gap);
+        self.factor.solve(&mut self.pressure);
+        for row in 0..self.held.len() {
+            let dof = self.held[row] as usize;
+            add_scaled(&mut self.force, self.pressure[row], part.influence(dof));
+        }
+    }
+
+    /// sum_k a_k w_k at a degree of freedom inside; only of forces where not `all`.
+    fn driven(&self, part: &Precomputed, dof: usize, all: bool) -> f64 {
+        let drives = self.amplitude.iter().zip(&part.drives).enumerate();
+        drives
+            .filter(|(_, (a, source))| **a != 0.0 && (all || source.is_force()))
+            .map(|(k, (a, _))| a * part.field(k, dof))
+            .sum()
+    }
+
+    /// Displacement of a node inside \[m\], counted from the first such.
+    pub fn displacement(&self, part: &Precomputed, node: usize) -> Vec3 {
+        let moved = &self.moved[..3 * part.connection];
+        let mut u = Vec3::from_fn(|axis, _| {
+            let dof = 3 * node + axis;
+            self.driven(part, dof, true) + dot(part.influence(dof), moved)
+        });
+        for (dof, pressure) in self.held.iter().zip(&self.pressure) {
+            let column = part.compliance(*dof as usize);
+            for axis in 0..3 {
+                u[axis] += pressure * column[3 * node + axis];
+            }
+        }
+        u
+    }
+
+    /// u_c . force on c
+    pub fn virial(&self) -> f64 {
+        dot(&self.moved[..self.force.len()], &self.force)
+    }
+
+    pub fn energy(&self, model: &Model) -> Stored {
+        let Some(part) = &model.precomputed else {
+            return Stored::default();
+        };
+        let size = 3 * part.connection;
+        let moved = &self.moved[..size];
+        let mut stored = Stored {
+            elastic: 0.5 * dot(moved, &self.elastic[..size]) + 0.5 * dot(&self.pressure, &self.gap),
+            ..Stored::default()
+        };
+        for (k, a) in self.amplitude.iter().enumerate() {
+            if *a == 0.0 {
+                continue;
+            }
+            let pushed = dot(part.push(k), moved);
+            let pressed: f64 = (self.held.iter().zip(&self.pressure))
+                .map(|(dof, p)| p * part.field(k, *dof as usize))
+                .sum();
+            let (mut own, mut given) = (0.0, 0.0);
+            for (l, b) in self.amplitude.iter().enumerate() {
+                own += b * part.stored(k, l);
+                given += b * part.potential(k, l);
+            }
+            stored.elastic += 0.5 * a * own;
+            if !part.drives[k].is_force() {
+                stored.elastic -= a * pushed;
+                continue;
+            }
+            stored.elastic += a * pressed;
+            let potential = -a * (pushed + given + pressed);
+            match part.drives[k] {
+                crate::model::precomputed::Source::Gravity(_) => stored.gravity += potential,
+                _ => stored.load += potential,
+            }
+        }
+        stored
+    }
+
+    /// lambda on a node inside, counted from the first such \[N\].
+    pub fn pressure_on(&self, node: usize) -> Vec3 {
+        let mut sum = Vec3::zeros();
+        for (dof, value) in self.held.iter().zip(&self.pressure) {
+            if *dof as usize / 3 == node {
+                sum[*dof as usize % 3] = *value;
+            }
+        }
+        sum
+    }
+
+    /// On a moving node \[N\]; zero off the interface.
+    pub fn force_on(&self, model: &Model, node: usize) -> Vec3 {
+        match node.checked_sub(model.parts.connected_from()) {
+            Some(k) if 3 * k < self.force.len() => Vec3::new(
+                self.force[3 * k],
+                self.force[3 * k + 1],
+                self.force[3 * k + 2],
+            ),
+            _ => Vec3::zeros(),
+        }
+    }
+
+    /// Brings the known displacement of a node inside up to date; what is held is where it is held, to
+    /// the bit.
+    fn update(&self, model: &Model, displacement: &mut [Lane], held: &[Held], node: usize) {
+        let Some(part) = &model.precomputed else {
+            return;
+        };
+        let at = model.parts.moving + node;
+        let mut now = self.displacement(part, node);
+        for h in held.iter().filter(|h| h.node as usize == at) {
+            for axis in (0..3).filter(|a| h.axes[*a]) {
+                now[axis] = displacement[at].0[axis];
+            }
+        }
+        displacement[at] = now.into();
+    }
+
+    /// All known displacements inside.
+    pub fn update_all(&self, model: &Model, displacement: &mut [Lane], held: &[Held]) {
+        for node in 0..model.parts.known - model.parts.moving {
+            self.update(model, displacement, held, node);
+        }
+    }
+
+    /// Those of touchable nodes that `near` says so of the position of.
+    pub fn update_near(
+        &self,
+        model: &Model,
+        displacement: &mut [Lane],
+        held: &[Held],
+        near: impl Fn(&Vec3) -> bool,
+    ) {
+        let moving = model.parts.moving;
+        for node in 0..model.parts.touchable {
+            let u = displacement[moving + node].xyz();
+            if near(&(model.mesh.nodes[moving + node] + u)) {
+                self.update(model, displacement, held, node);
+            }
+        }
+    }
+
+    /// Those of some touchable nodes in turn, so that none far from all tools grows old.
+    pub fn update_some(&mut self, model: &Model, displacement: &mut [Lane], held: &[Held]) {
+        let Some(part) = &model.precomputed else {
+            return;
+        };
+        let numbers = 9 * (part.connection + 1) + 3 * self.held.len();
+        for _ in 0..(ROUND / numbers.max(1)).min(part.touchable) {
+            self.turn = (self.turn + 1) % part.touchable;
+            self.update(model, displacement, held, self.turn);
+        }
+    }
+}
