@@ -62,19 +62,13 @@ impl Before {
         self.held.clone_from(&coupling.held);
     }
 
-    /// Energy that the event has put into the account \[J\]: change of the potential, and what changes in
-    /// its half steps, lag/2 (v_c . change of force - v_t . change of pressure), t what stays held.
+    /// Energy that the event has put into the account \[J\]: change of the potential, and of the kinetic
+    /// energy between half steps, lag/2 v_c . change of force.
     pub fn gained(&self, model: &Model, now: &Coupling, velocity: &[Lane], lag: f64) -> f64 {
-        let (from, moving) = (model.parts.connected_from(), model.parts.moving);
+        let from = model.parts.connected_from();
         let mut power = 0.0;
         for (dof, (now, before)) in now.force.iter().zip(&self.force).enumerate() {
             power += velocity[from + dof / 3].0[dof % 3] * (now - before);
-        }
-        for (dof, now) in now.held.iter().zip(&now.pressure) {
-            if let Some(k) = self.held.iter().position(|d| d == dof) {
-                let dof = *dof as usize;
-                power -= velocity[moving + dof / 3].0[dof % 3] * (now - self.pressure[k]);
-            }
         }
         now.energy(model).total() - self.potential + 0.5 * lag * power
     }

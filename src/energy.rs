@@ -128,9 +128,10 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Energy {
         -Vec3::from(state.parameters.gravity).dot(&moment)
     };
     if let Some(guyan) = &model.guyan {
-        sums.kinetic += guyan.excess(model, state, false);
-        sums.lagging += guyan.excess(model, state, false);
-        power -= state.parameters.damping * guyan.excess(model, state, true);
+        let excess = guyan.excess(model, state);
+        sums.kinetic += excess;
+        sums.lagging += excess;
+        power -= state.parameters.damping * excess;
     }
     let mut energy = Energy {
         elastic: 0.5 * (sums.elastic + state.coupling.virial()) + inside.elastic,

@@ -227,11 +227,11 @@ impl Simulation {
             let State {
                 coupling,
                 displacement,
-                velocity,
                 ..
             } = &mut self.state;
             coupling.solve(&self.model, displacement);
-            let gained = before.gained(&self.model, coupling, velocity, 2.0 * half);
+            let mut impulse = vec![Vec3::zeros(); self.state.tools.len()];
+            let gained = step::gained(&self.model, &mut self.state, &before, &mut impulse);
             self.state.account.support_work += gained;
         }
         for node in 0..self.model.parts.moving {
@@ -251,7 +251,7 @@ impl Simulation {
             .map(|(m, v)| m * v.xyz().norm_squared())
             .sum();
         if let Some(guyan) = &self.model.guyan {
-            twice_kinetic += guyan.excess(&self.model, &self.state, false);
+            twice_kinetic += guyan.excess(&self.model, &self.state);
         }
         self.state.account.dissipated += 0.5 * self.state.clock.lag * change * twice_kinetic;
         self.state.parameters.damping = value;

@@ -173,6 +173,8 @@ impl State {
     pub fn refresh_all(&mut self, model: &Model) {
         for node in 0..self.displacement.len() {
             self.refresh_inverse_mass(model, node);
+        }
+        for node in 0..model.parts.moving {
             self.refresh_external(model, node);
         }
         for held in &self.held {

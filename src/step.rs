@@ -174,7 +174,7 @@ fn advance(
     work.impulse.fill(Vec3::zeros());
     let period = (1.0 + 1e-6) / model.scene.integration.haptic_rate;
     for k in 0..n {
-        update_loads(model, state, &mut work.before);
+        update_loads(model, state, &mut work.before, &mut work.impulse);
         while let Some(scripted) = model.cuts.get(state.cuts_done) {
             if scripted.time > state.clock.time() + 1e-9 * h {
                 break;
@@ -253,7 +253,7 @@ fn advance(
         state.clock.total += 1;
         state.since_haptic += h;
     }
-    update_loads(model, state, &mut work.before);
+    update_loads(model, state, &mut work.before, &mut work.impulse);
     if !state
         .displacement
         .iter()
@@ -368,35 +368,59 @@ fn regrip(model: &Model, state: &mut State, work: &mut Workspace, tool: usize) {
         return;
     }
     state.coupling.solve(model, &state.displacement);
+    state.account.dissipated -= gained(model, state, &work.before, &mut work.impulse);
     let lag = state.clock.lag;
-    let before = &work.before;
-    state.account.dissipated -= before.gained(model, &state.coupling, &state.velocity, lag);
-    for dof in before.let_go(&state.coupling) {
+    for dof in work.before.let_go(&state.coupling) {
         // The trailing half of what the tool did on it.
         let node = model.parts.moving + dof as usize / 3;
         let velocity = &mut state.velocity[node].0[dof as usize % 3];
-        let pressure = before.pressure_at(dof);
+        let pressure = work.before.pressure_at(dof);
         state.account.tool_work += 0.5 * lag * *velocity * pressure;
         work.impulse[tool][dof as usize % 3] -= 0.5 * lag * pressure;
         *velocity = 0.0;
     }
 }
 
+/// What an event inside the pre-computed part has put into the account. The trailing half step of what
+/// tools hold through it was made at the pressure before.
+pub(crate) fn gained(
+    model: &Model,
+    state: &mut State,
+    before: &Before,
+    impulse: &mut [Vec3],
+) -> f64 {
+    let half = 0.5 * state.clock.lag;
+    for held in &state.held {
+        let i = held.node as usize;
+        let (Some(inside), Some(tool)) = (i.checked_sub(model.parts.moving), held.tool) else {
+            continue;
+        };
+        for axis in (0..3).filter(|a| held.axes[*a]) {
+            let now = state.coupling.pressure_on(inside)[axis];
+            let change = now - before.pressure_at((3 * inside + axis) as u32);
+            state.account.tool_work -= half * state.velocity[i].0[axis] * change;
+            impulse[tool as usize][axis] += half * change;
+        }
+    }
+    before.gained(model, &state.coupling, &state.velocity, 2.0 * half)
+}
+
 /// Loads that still grow. What a ramp changes of the potential -f.u counts as work of the supports.
-fn update_loads(model: &Model, state: &mut State, before: &mut Before) {
+fn update_loads(model: &Model, state: &mut State, before: &mut Before, impulse: &mut [Vec3]) {
     let time = state.clock.time();
     before.remember(model, &state.coupling);
     let gravity = state.parameters.gravity;
     if state.coupling.set_amplitudes(model, &gravity, time) {
         state.coupling.solve(model, &state.displacement);
-        let lag = state.clock.lag;
-        state.account.support_work += before.gained(model, &state.coupling, &state.velocity, lag);
+        state.account.support_work += gained(model, state, before, impulse);
     }
     let mut last = u32::MAX;
     for load in &model.boundary.loads {
         let grows = load.ramp > 0.0 && time <= load.ramp + 2.0 * state.clock.substep;
         let i = load.node as usize;
-        if !grows || load.node == last || state.live.star_count[i] == 0 {
+        // Inside the pre-computed part a load is a drive.
+        let moves = i < model.parts.moving && state.live.star_count[i] > 0;
+        if !grows || load.node == last || !moves {
             continue;
         }
         last = load.node;

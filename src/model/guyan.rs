@@ -61,8 +61,8 @@ impl GuyanMass {
         a
     }
 
-    /// v . M v less the same by lumped masses, over free degrees of freedom alone or all.
-    pub fn excess(&self, model: &Model, state: &State, only_free: bool) -> f64 {
+    /// v . M v less the same by lumped masses.
+    pub fn excess(&self, model: &Model, state: &State) -> f64 {
         let from = model.parts.connected_from();
         let v: Vec<f64> = state.velocity[from..model.parts.moving]
             .iter()
@@ -71,7 +71,6 @@ impl GuyanMass {
         let mut p = vec![0.0; self.size];
         self.product(&self.mass, &v, &mut p);
         (0..self.size)
-            .filter(|dof| !only_free || state.inverse_mass[from + dof / 3].0[dof % 3] > 0.0)
             .map(|dof| v[dof] * (p[dof] - state.live.mass[from + dof / 3] * v[dof]))
             .sum()
     }
