@@ -46,7 +46,7 @@ fn largest(forces: &[Vec3]) -> f64 {
     forces.iter().map(|f| f.norm()).fold(0.0, f64::max)
 }
 
-/// Sums of a sweep of no length, and the energy \[J\].
+/// \[J\], by a sweep of no length.
 fn energy(model: &Model, live: &LiveMesh, u: &[Lane]) -> f64 {
     0.5 * run(
         model,
@@ -79,14 +79,9 @@ impl Fields {
     }
 }
 
-fn run(
-    model: &Model,
-    live: &LiveMesh,
-    f: &mut Fields,
-    h: f64,
-    c: f64,
-    by: fn(&Springs, &mut Motion, &Advance) -> Sums,
-) -> Sums {
+type Sweep = fn(&Springs, &mut Motion, &Advance) -> Sums;
+
+fn run(model: &Model, live: &LiveMesh, f: &mut Fields, h: f64, c: f64, by: Sweep) -> Sums {
     let state = State::new(model);
     let mut motion = Motion {
         displacement: &mut f.displacement,
@@ -117,8 +112,7 @@ fn springs_of_one_tetrahedron_are_van_gelders() {
     let k = 6000.0 * volume / (0.02 * 0.02);
     let found = springs(&model.whole).stiffness(&model.pattern, a, b);
     assert!((found - k).abs() < 1e-12 * k, "{found} {k}");
-    // Nodes 0 and 1 drawn 3 mm apart along their edge, nodes 2 and 3 moved so that the other springs
-    // keep their lengths: not at all, so those of 2 and 3 pull too; their mutual one must not.
+    // Node 1 drawn 3 mm away: its three springs pull, the other three must not.
     let mut u = vec![Lane::default(); 4];
     u[b as usize] = Vec3::new(0.003, 0.0, 0.0).into();
     let pull = |from: [f64; 3], to: [f64; 3], moved: [f64; 3]| {
@@ -142,7 +136,6 @@ fn springs_of_one_tetrahedron_are_van_gelders() {
     assert!((found[b as usize] - sum).norm() < 1e-13 * scale);
 }
 
-/// A uniform strain stretches each edge by its projection: W = sum E V/2 (n . eps n)² to second order.
 #[test]
 fn a_fibre_stiffens_the_springs_along_it() {
     let fibre =
@@ -229,11 +222,8 @@ fn a_collapsed_spring_has_no_force_and_no_nan() {
     let (i, j) = (0, model.pattern.column[1] as usize);
     let mut u = vec![Lane::default(); model.mesh.nodes.len()];
     u[j] = (model.mesh.nodes[i] - model.mesh.nodes[j]).into();
-    let (fast, slow) = (Fields::of(&u), Fields::of(&u));
-    for (mut f, by) in [
-        (fast, spring_sweep::sweep as fn(_, _, _) -> _),
-        (slow, spring_sweep::plain),
-    ] {
+    for by in [spring_sweep::sweep as Sweep, spring_sweep::plain] {
+        let mut f = Fields::of(&u);
         let sums = run(&model, &model.whole, &mut f, 1e-4, 1.0, by);
         assert!(sums.elastic.is_finite() && f.residual[j].xyz().norm().is_finite());
     }
@@ -374,7 +364,7 @@ fn account_miss(share_of_critical: f64) -> f64 {
         r#""integration": {{"scheme": "centralDifference", "damping": 0, "substep": {substep:e}, "hapticRate": {:e}}},"#,
         1.0 / substep
     );
-    // Ten times its weight: bends by a third of its length.
+    // Ten times its weight: swings by its own length.
     let mut s = common::simulation(&bar(&integration));
     s.set_gravity(2, -100.0);
     let (mut miss, mut scale) = (0.0f64, 0.0f64);
@@ -390,12 +380,11 @@ fn account_miss(share_of_critical: f64) -> f64 {
 #[test]
 fn the_account_of_a_free_vibration_misses_little_and_less_with_h_squared() {
     let (coarse, fine) = (account_miss(0.9), account_miss(0.45));
-    assert!(coarse < 0.03, "{coarse}");
-    assert!(fine < coarse / 3.0 && coarse > 1e-9, "{coarse} {fine}");
+    assert!(coarse < 0.01, "{coarse}");
+    assert!(fine < coarse / 3.5 && coarse > 1e-4, "{coarse} {fine}");
 }
 
-/// Springs drawn to twice their length and more vibrate at 0.9 of the critical step for as long as
-/// one likes; a little past the bound by elements' place nothing is promised.
+/// Springs drawn to more than twice their length are stable at 0.9 of the critical step, without halving.
 #[test]
 fn strong_stretch_is_stable_below_the_critical_step() {
     let model = common::model(&bar(""));
@@ -491,7 +480,7 @@ fn grasp_pull_cut_and_drop() {
     }
     assert!(s.state().live.removed.len() > 10 && s.pieces() >= 2 && grasped > 300);
     assert!(force > 0.05, "{force}");
-    assert!(miss < 0.01 * scale, "{miss} {scale}");
+    assert!(miss < 1e-3 * scale, "{miss} {scale}");
     let twin = other.unwrap();
     let (a, b) = (s.state(), twin.state());
     assert!(a.live.removed.len() > b.live.removed.len() / 2 && a.live == b.live);
@@ -527,7 +516,7 @@ fn inspection_says_what_springs_are_not() {
     assert!(tissue::inspect::warnings(&common::model(common::BAR)).is_empty());
 }
 
-/// Tip sag of the cantilever example against its own mesh's FEM: what docs/model.md says.
+/// Sag of the cantilever example's end against the FEM of its own mesh: what docs/model.md says.
 #[test]
 fn the_cantilever_sags_as_the_manual_says() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/cantilever.json");
@@ -539,16 +528,13 @@ fn the_cantilever_sags_as_the_manual_says() {
     while s.time() < 1.5 {
         s.step(0.01).unwrap();
     }
-    let (tip, exact) = (model.node.iter().enumerate())
-        .map(|(k, node)| {
-            (
-                s.state().displacement[*node as usize].0[2],
-                reference.displacement[k][2],
-            )
-        })
-        .min_by(|a, b| a.1.total_cmp(&b.1))
-        .unwrap();
-    let ratio = tip / exact;
-    println!("tip {tip:e} m, reference {exact:e} m, ratio {ratio:.4}");
-    assert!((ratio - 1.0).abs() < 0.5, "{ratio}");
+    let (mut sag, mut exact) = (0.0, 0.0);
+    for (k, node) in model.node.iter().enumerate() {
+        if reference.nodes[k][0] > 0.0999 {
+            sag += s.state().displacement[*node as usize].0[2];
+            exact += reference.displacement[k][2];
+        }
+    }
+    let ratio = sag / exact;
+    assert!((ratio - 0.857).abs() < 1e-3, "{ratio}");
 }

@@ -5,7 +5,6 @@
 
 use super::spring_mass::Springs;
 use super::sweep::{Advance, Motion, Sums, advance_node};
-use super::tensor_mass::Lane;
 
 /// Runs one substep.
 pub fn sweep(springs: &Springs, m: &mut Motion, by: &Advance) -> Sums {
@@ -35,7 +34,7 @@ pub fn plain(springs: &Springs, m: &mut Motion, by: &Advance) -> Sums {
                 }
             }
         }
-        let internal = std::mem::replace(&mut m.partial[i], Lane::default());
+        let internal = std::mem::take(&mut m.partial[i]);
         advance_node(m, i, &internal.0, by, &mut sums);
     }
     sums
