@@ -108,10 +108,14 @@ impl Springs {
     }
 
     fn stiffness_mut(&mut self, pattern: &Pattern, i: u32, j: u32) -> Option<&mut f64> {
-        let i_first = i.min(j);
-        let place = pattern.place(i_first, i.max(j))?;
-        let (four, lane) = self.at(pattern, i_first as usize, place)?;
+        let (four, lane) = self.find(pattern, i, j)?;
         Some(&mut self.four[four].stiffness[lane])
+    }
+
+    /// Where the spring of edge (i, j), either order, is.
+    fn find(&self, pattern: &Pattern, i: u32, j: u32) -> Option<(usize, usize)> {
+        let (low, high) = (i.min(j), i.max(j));
+        self.at(pattern, low as usize, pattern.place(low, high)?)
     }
 
     /// Where the spring at a place of [`Pattern::column`] in row i is; the place of i itself has none.
@@ -122,10 +126,7 @@ impl Springs {
 
     /// k of edge (i, j), either order \[N/m\]; zero where there is none.
     pub fn stiffness(&self, pattern: &Pattern, i: u32, j: u32) -> f64 {
-        let i_first = i.min(j);
-        pattern
-            .place(i_first, i.max(j))
-            .and_then(|place| self.at(pattern, i_first as usize, place))
+        self.find(pattern, i, j)
             .map_or(0.0, |(four, lane)| self.four[four].stiffness[lane])
     }
 
