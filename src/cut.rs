@@ -8,7 +8,7 @@ use crate::state::State;
 
 /// Removes one tetrahedron at a substep boundary. Its elastic energy, the kinetic and potential energy
 /// of the mass that goes with it, and what its force lacks in the half-step account, count as
-/// dissipated, so that the balance closes to round-off.
+/// dissipated, so that the balance is the same before and after to round-off.
 pub fn remove(model: &Model, state: &mut State, t: u32) {
     if !state.live.alive[t as usize] {
         return;
@@ -16,7 +16,7 @@ pub fn remove(model: &Model, state: &mut State, t: u32) {
     let nodes = model.mesh.tetrahedra[t as usize].map(|v| v as usize);
     let u = nodes.map(|i| state.displacement[i].xyz());
     let v = nodes.map(|i| state.velocity[i].xyz());
-    let internal = model.shape[t as usize].linear_force(&model.material(t as usize).law, &u);
+    let (internal, elastic) = model.tetrahedron_force(t as usize, &u);
     let mass = nodes.map(|i| state.live.mass[i]);
     let external = nodes.map(|i| state.external[i].xyz());
     state.live.remove(model, t);
@@ -30,7 +30,7 @@ pub fn remove(model: &Model, state: &mut State, t: u32) {
         let mass_gone = mass[k] - state.live.mass[i];
         let external_gone = external[k] - state.external[i].xyz();
         let force_gained = internal[k] + v[k] * (c * mass_gone) - external_gone;
-        lost += 0.5 * u[k].dot(&internal[k]) + 0.5 * mass_gone * v[k].norm_squared()
+        lost += elastic[k] + 0.5 * mass_gone * v[k].norm_squared()
             - 0.5 * h * v[k].dot(&force_gained)
             - external_gone.dot(&u[k]);
         if state.live.star_count[i] == 0 {

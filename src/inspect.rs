@@ -5,9 +5,10 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use crate::model::sweep::{Advance, Motion, sweep};
+use crate::model::sweep::{Advance, Motion};
 use crate::model::tensor_mass::Lane;
 use crate::model::{Model, critical_step};
+use crate::scene::ModelKind;
 
 /// Keys as `inspect --json` writes them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -115,7 +116,7 @@ pub fn inspect(model: &Model) -> Inspection {
         lowest_frequency: Some(model.spectrum.lowest / std::f64::consts::TAU).filter(|f| *f > 0.0),
         minimum_dihedral: model.report.minimum_dihedral_degrees,
         seconds_per_substep: time_substep(model),
-        memory_bytes: model.whole.tensors.bytes()
+        memory_bytes: model.whole.bytes()
             + model.parts.known.min(used) * 8 * (6 * 4 + 2)
             + model.precomputed.as_ref().map_or(0, |p| p.bytes()),
         warnings: warnings(model),
@@ -154,9 +155,21 @@ pub fn warnings(model: &Model) -> Vec<String> {
             report.worst_tetrahedron, report.minimum_dihedral_degrees
         ));
     }
+    let springs = model.scene.model.kind == ModelKind::SpringMass;
+    if springs {
+        warnings.push(
+            "forces of springMass are not those of the material: Poisson's ratio has no effect, and stiffness depends on the mesh"
+                .to_string(),
+        );
+    }
     if model.rigid_modes > 0 {
+        let turning = if springs {
+            ""
+        } else {
+            ", and the linear law swells it when it turns"
+        };
         warnings.push(format!(
-            "{} rigid motions are not held: tissue that nothing fixes falls, and the linear law swells it when it turns",
+            "{} rigid motions are not held: tissue that nothing fixes falls{turning}",
             model.rigid_modes
         ));
     }
@@ -189,9 +202,8 @@ fn time_substep(model: &Model) -> f64 {
                 inverse_mass: &inverse_mass,
                 mass: &model.whole.mass[..nodes],
             };
-            sweep(
-                &model.pattern,
-                &model.whole.tensors,
+            model.whole.sweep(
+                model,
                 &mut motion,
                 &Advance::symplectic_euler(1e-3, 1e-3, 1.0),
             );

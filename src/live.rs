@@ -1,9 +1,12 @@
-//! The live mesh: what cuts have left of the tissue, its tensors, masses and surface.
+//! The live mesh: what cuts have left of the tissue, its tensors or springs, masses and surface.
 
+use crate::mesh::Vec3;
 use crate::mesh::topology::NONE;
-use crate::model::Model;
-use crate::model::tensor_mass::Tensors;
-use crate::scene::{CutMass, Mass};
+use crate::model::spring_mass::Springs;
+use crate::model::sweep::{Advance, Motion, Sums, sweep};
+use crate::model::tensor_mass::{Lane, Tensors};
+use crate::model::{Model, spring_sweep};
+use crate::scene::{CutMass, Mass, ModelKind};
 
 /// Everything that a cut changes. A pure function of the model and of the list of removals in their
 /// order, to the bit: that list is what a saved state holds.
@@ -19,7 +22,10 @@ pub struct LiveMesh {
     pub revision: u64,
     /// Live tetrahedra round each vertex; a vertex at 0 is retired.
     pub star_count: Vec<u32>,
+    /// Empty where there are springs.
     pub tensors: Tensors,
+    /// Of model kind `springMass`.
+    pub springs: Option<Springs>,
     /// Inertial mass a node \[kg\].
     pub mass: Vec<f64>,
     /// Gravitational mass a node \[kg\]: a quarter of each of its tetrahedra, whatever `integration.mass`.
@@ -34,10 +40,18 @@ impl LiveMesh {
     /// The whole mesh of a model under construction.
     pub(crate) fn whole(model: &Model) -> LiveMesh {
         let nodes = model.mesh.nodes.len();
+        let (tensors, springs) = match model.scene.model.kind {
+            ModelKind::SpringMass => {
+                let springs = Springs::new(&model.pattern, &model.mesh.nodes);
+                (Tensors::default(), Some(springs))
+            }
+            _ => (Tensors::zeros(&model.pattern), None),
+        };
         let mut live = LiveMesh {
             alive: vec![true; model.mesh.tetrahedra.len()],
             star_count: vec![0; nodes],
-            tensors: Tensors::zeros(&model.pattern),
+            tensors,
+            springs,
             mass: vec![0.0; nodes],
             weight: vec![0.0; nodes],
             surface_slot: vec![NONE; model.topology.faces.len()],
@@ -47,8 +61,7 @@ impl LiveMesh {
             let material = model.material(t);
             let shape = &model.shape[t];
             if model.parts.dynamic[t] {
-                live.tensors
-                    .accumulate(&model.pattern, tetrahedron, shape, &material.law, 1.0);
+                live.accumulate(model, t, 1.0);
             }
             for node in tetrahedron {
                 live.star_count[*node as usize] += 1;
@@ -73,7 +86,48 @@ impl LiveMesh {
         live
     }
 
-    /// Removes one live tetrahedron: ten tensors, four masses, four faces; exact zeros where a vertex
+    /// Tensors or springs of dynamic tetrahedron `t`, with a sign.
+    fn accumulate(&mut self, model: &Model, t: usize, sign: f64) {
+        let (pattern, nodes) = (&model.pattern, &model.mesh.tetrahedra[t]);
+        let (shape, law) = (&model.shape[t], &model.material(t).law);
+        match &mut self.springs {
+            Some(springs) => {
+                let rest = model.rest_positions(t);
+                springs.accumulate(pattern, nodes, &rest, shape.volume, law, sign);
+            }
+            None => self.tensors.accumulate(pattern, nodes, shape, law, sign),
+        }
+    }
+
+    fn clear(&mut self, model: &Model, i: u32, j: u32) {
+        match &mut self.springs {
+            Some(springs) => springs.clear(&model.pattern, i, j),
+            None => self.tensors.clear(&model.pattern, i, j),
+        }
+    }
+
+    /// One substep of the moving nodes.
+    pub fn sweep(&self, model: &Model, motion: &mut Motion, by: &Advance) -> Sums {
+        match &self.springs {
+            Some(springs) => spring_sweep::sweep(springs, motion, by),
+            None => sweep(&model.pattern, &self.tensors, motion, by),
+        }
+    }
+
+    /// Internal force on node i \[N\], without that of a pre-computed part.
+    pub fn internal_force(&self, model: &Model, i: usize, u: &[Lane]) -> Vec3 {
+        match &self.springs {
+            Some(springs) => springs.force(&model.pattern, i, u),
+            None => self.tensors.row_product(&model.pattern, i, u),
+        }
+    }
+
+    /// Of tensors or springs.
+    pub fn bytes(&self) -> usize {
+        self.tensors.bytes() + self.springs.as_ref().map_or(0, Springs::bytes)
+    }
+
+    /// Removes one live tetrahedron: its tensors or springs, four masses, four faces; exact zeros where a vertex
     /// or an edge has lost its last. Does nothing to a dead one. Dynamic ones only.
     /// Returns whether it was alive.
     pub(crate) fn remove(&mut self, model: &Model, t: u32) -> bool {
@@ -87,8 +141,7 @@ impl LiveMesh {
         let shape = &model.shape[index];
         let material = model.material(index);
         self.removed_volume += shape.volume;
-        self.tensors
-            .accumulate(&model.pattern, nodes, shape, &material.law, -1.0);
+        self.accumulate(model, index, -1.0);
         let share = material.density * shape.volume / 4.0;
         let removes_weight = model.scene.cutting.mass == CutMass::Removed;
         let guyan = model.has_guyan_mass();
@@ -99,7 +152,7 @@ impl LiveMesh {
             if self.star_count[n] == 0 {
                 self.weight[n] = 0.0;
                 self.mass[n] = 0.0;
-                self.tensors.clear(&model.pattern, *node, *node);
+                self.clear(model, *node, *node);
             } else {
                 self.weight[n] -= if removes_weight { share } else { 0.0 };
                 let keeps = guyan && n >= model.parts.connected_from();
@@ -112,7 +165,7 @@ impl LiveMesh {
                 self.alive[*s as usize] && model.mesh.tetrahedra[*s as usize].contains(&b)
             });
             if !survives {
-                self.tensors.clear(&model.pattern, a, b);
+                self.clear(model, a, b);
             }
         }
         for f in model.topology.tetrahedron_faces[index] {
@@ -175,6 +228,7 @@ impl LiveMesh {
         self.revision = other.revision;
         self.star_count.clone_from(&other.star_count);
         self.tensors.0.clone_from(&other.tensors.0);
+        self.springs.clone_from(&other.springs);
         self.mass.clone_from(&other.mass);
         self.weight.clone_from(&other.weight);
         self.surface.clone_from(&other.surface);

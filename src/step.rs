@@ -6,7 +6,7 @@ use crate::couple::Before;
 use crate::cut;
 use crate::energy::{Account, inject};
 use crate::mesh::Vec3;
-use crate::model::sweep::{Advance, Motion, Sums, sweep};
+use crate::model::sweep::{Advance, Motion, Sums};
 use crate::model::tensor_mass::Lane;
 use crate::model::{Model, guyan};
 use crate::pose::Path;
@@ -116,7 +116,7 @@ pub fn step(
     }
     work.start.copy_from(model, state);
     let (count, substep) = division(length, state.nominal_substep);
-    // The law is linear, so the limit is known: no need to run into it first.
+    // The limit is known, of springs for any stretch: no need to run into it first.
     let critical = critical_substep(model, state);
     let foreseen = (substep / critical).log2().ceil().max(0.0);
     if foreseen > f64::from(RETRIES) {
@@ -220,9 +220,8 @@ fn advance(
         inject(model, &state.coupling, &mut work.partial);
         work.interface.keep(model, state);
         let moving = model.parts.moving;
-        let mut sums = sweep(
-            &model.pattern,
-            &state.live.tensors,
+        let mut sums = state.live.sweep(
+            model,
             &mut Motion {
                 displacement: &mut state.displacement[..moving],
                 velocity: &mut state.velocity[..moving],
@@ -300,10 +299,7 @@ fn damped(sums: &Sums, lag: f64, by: &Advance, central: bool) -> (f64, f64) {
 /// v_{-1/2} = -h/2 M^-1 (f_ext - K u). The account's kinetic energy of that is booked.
 fn half_step_back(model: &Model, state: &mut State, h: f64) {
     for i in 0..model.parts.moving {
-        let internal = state
-            .live
-            .tensors
-            .row_product(&model.pattern, i, &state.displacement);
+        let internal = state.live.internal_force(model, i, &state.displacement);
         let force = state.external[i].xyz() - internal + state.coupling.force_on(model, i);
         for axis in 0..3 {
             let gain = state.inverse_mass[i].0[axis];

@@ -199,6 +199,7 @@ fn each_mistake_has_its_line() {
         ("/model/interfaceModes", "10", r#"model.interfaceModes: belongs to another kind of model; must stand beside "kind": "hybrid""#),
         ("/model/interfaceMass", r#""guyan""#, r#"model.interfaceMass: belongs to another kind of model; must stand beside "kind": "hybrid""#),
         ("/model/touchable", r#"{"all": true}"#, r#"model.touchable: belongs to another kind of model; must stand beside "kind": "hybrid" or "quasiStatic""#),
+        ("/model/kind", r#""springMass""#, "start: equilibrium with springMass is not available in this version; use rest"),
         ("/model/elasticity", r#""stVenantKirchhoff""#, "model.elasticity: stVenantKirchhoff is not available in this version; use linear"),
         ("/model/form", r#""polynomial""#, "model.form: polynomial is not available in this version; use perTetrahedron"),
         ("/model/adaptive", r#""perVertex""#, "model.adaptive: perVertex is not available in this version; use blend"),

@@ -26,9 +26,17 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
+/// One test, one thread: the count is everybody's.
 #[test]
 fn a_step_allocates_nothing() {
-    let mut s = common::simulation(common::BAR);
+    let springs = r#""model": {"kind": "springMass"}, "tools""#;
+    for text in [common::BAR, &common::BAR.replace("\"tools\"", springs)] {
+        script_allocates_nothing(text);
+    }
+}
+
+fn script_allocates_nothing(text: &str) {
+    let mut s = common::simulation(text);
     let (mut contacts, mut worst) = (0, 0);
     for k in 0..1200 {
         common::script(&mut s, f64::from(k) * 1e-3);

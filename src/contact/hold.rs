@@ -69,10 +69,7 @@ pub fn reaction(model: &Model, state: &State, held: &Held) -> Vec3 {
     if let Some(inside) = i.checked_sub(model.parts.moving) {
         return -state.coupling.pressure_on(inside);
     }
-    let internal = state
-        .live
-        .tensors
-        .row_product(&model.pattern, i, &state.displacement)
+    let internal = state.live.internal_force(model, i, &state.displacement)
         - state.coupling.force_on(model, i);
     let damping = state.velocity[i].xyz() * (state.parameters.damping * state.live.mass[i]);
     let force = state.external[i].xyz() - internal - damping;

@@ -4,7 +4,7 @@
 //!
 //! (Picinbono, Delingette, Ayache 2003, linear part of the transversely isotropic law.)
 
-use nalgebra::{Matrix3, Matrix6, Vector6};
+use nalgebra::{Cholesky, Const, Matrix3, Matrix6, Vector6};
 
 use crate::mesh::Vec3;
 
@@ -98,24 +98,41 @@ impl Hooke {
             kappa,
         }) = &self.fibre
         {
-            let root = std::f64::consts::SQRT_2;
-            let m = Vector6::new(
-                a.x * a.x,
-                a.y * a.y,
-                a.z * a.z,
-                root * a.y * a.z,
-                root * a.z * a.x,
-                root * a.x * a.y,
-            );
+            let m = dyad(a);
             c += m * m.transpose() * (2.0 * kappa);
         }
         c
+    }
+
+    /// Young's modulus along a unit direction \[Pa\]: 1/E(n) = (n (x) n) : C^-1 : (n (x) n).
+    pub fn young_modulus_along(&self, n: &Vec3) -> f64 {
+        if self.fibre.is_none() {
+            return self.mu * (3.0 * self.lambda + 2.0 * self.mu) / (self.lambda + self.mu);
+        }
+        let m = dyad(n);
+        let compliance = |c: Cholesky<f64, Const<6>>| m.dot(&c.solve(&m));
+        self.mandel()
+            .cholesky()
+            .map_or(0.0, |c| 1.0 / compliance(c))
     }
 
     /// Whether every strain costs energy.
     pub fn is_stable(&self) -> bool {
         self.mandel().cholesky().is_some()
     }
+}
+
+/// a (x) a in Mandel's notation.
+fn dyad(a: &Vec3) -> Vector6<f64> {
+    let root = std::f64::consts::SQRT_2;
+    Vector6::new(
+        a.x * a.x,
+        a.y * a.y,
+        a.z * a.z,
+        root * a.y * a.z,
+        root * a.z * a.x,
+        root * a.x * a.y,
+    )
 }
 
 #[cfg(test)]
@@ -147,6 +164,28 @@ mod tests {
         assert!((along[(2, 2)] - (9000.0 + 2.0 * 7000.0)).abs() < 1e-9);
         assert!((along[(0, 0)] - law.lambda).abs() < 1e-9);
         assert!((across[(0, 0)] - (law.lambda + 2.0 * law.mu)).abs() < 1e-9);
+    }
+
+    /// sigma = E(n) n (x) n is what strain C^-1 sigma answers, of which n . eps n = 1.
+    #[test]
+    fn young_modulus_along_is_that_of_a_free_pull() {
+        let plain = Hooke::new(6000.0, 0.3);
+        assert!((plain.young_modulus_along(&Vec3::x()) - 6000.0).abs() < 1e-9);
+        // Without kappa both forms must agree; with it the fibre direction must be stiffer.
+        let zero = plain.with_fibre(Vec3::z(), plain.lambda, plain.mu);
+        let n = Vec3::new(0.48, -0.6, 0.64);
+        assert!((zero.young_modulus_along(&n) - 6000.0).abs() < 1e-9);
+        let law = plain.with_fibre(Vec3::new(1.0, 2.0, -1.0), 4e4, 9e3);
+        let strain = Vector6::from(law.mandel().cholesky().unwrap().solve(&dyad(&n)));
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        let (yz, zx, xy) = (half * strain[3], half * strain[4], half * strain[5]);
+        let strain = Matrix3::new(strain[0], xy, zx, xy, strain[1], yz, zx, yz, strain[2]);
+        let modulus = 1.0 / n.dot(&(strain * n));
+        assert!((law.young_modulus_along(&n) - modulus).abs() < 1e-9 * modulus);
+        let stress = law.stress(&(strain * modulus));
+        assert!((stress - n * n.transpose() * modulus).norm() < 1e-9 * modulus);
+        let along = Vec3::new(1.0, 2.0, -1.0).normalize();
+        assert!(law.young_modulus_along(&along) > 12_000.0);
     }
 
     #[test]

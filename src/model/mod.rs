@@ -9,6 +9,8 @@ pub mod order;
 pub mod parts;
 pub mod precomputed;
 pub mod spectrum;
+pub mod spring_mass;
+pub mod spring_sweep;
 pub mod stiffness;
 pub mod store;
 pub mod sweep;
@@ -21,8 +23,8 @@ use crate::mesh::check::MeshReport;
 use crate::mesh::topology::{Face, NONE, Topology};
 use crate::mesh::{self, MeshError, TetMesh, Vec3};
 use crate::scene::{
-    CutMass, InterfaceMass, Mass, OutputVertices, Scene, SceneError, Scheme, Selector, Start,
-    ToolKind, select_tetrahedra,
+    CutMass, InterfaceMass, Mass, ModelKind, OutputVertices, Scene, SceneError, Scheme, Selector,
+    Start, ToolKind, select_tetrahedra,
 };
 use crate::statics::StaticsError;
 use boundary::Boundary;
@@ -31,6 +33,7 @@ use nalgebra::{Matrix6, SymmetricEigen, Vector6};
 use parts::{Partition, Parts};
 use precomputed::{Precomputed, Progress, Sizes};
 use spectrum::Spectrum;
+use spring_mass::Springs;
 use stiffness::Stiffness;
 use store::Numbers;
 use sweep::Advance;
@@ -352,14 +355,27 @@ impl Model {
         Ok(())
     }
 
+    /// Of springs: the highest frequencies are bounds at any stretch, the lowest is that at rest.
     fn compute_spectrum(&self) -> Result<Spectrum, ModelError> {
         let (live, moving) = (&self.whole, self.parts.moving);
-        let stiffness = self.stiffness(&live.tensors);
         let (mass, free) = (&live.mass[..moving], &self.boundary.free[..moving]);
-        let highest = spectrum::highest(stiffness, mass, free);
+        let springs = (live.springs.as_ref()).map(|springs| {
+            let (bound, rest) = (Springs::tangent_bound, Springs::tangent_at_rest);
+            (bound(springs, &self.pattern), rest(springs, &self.pattern))
+        });
+        let (stiffest, stiffness) = match &springs {
+            Some((bound, rest)) => (self.stiffness(bound), self.stiffness(rest)),
+            None => (self.stiffness(&live.tensors), self.stiffness(&live.tensors)),
+        };
+        let highest = spectrum::highest(stiffest, mass, free);
         let lowest = if moving <= DIRECT_NODES {
-            spectrum::lowest(stiffness, mass, free, highest, self.rigid_modes)
-                .map_err(|e| ModelError::Statics(self.file.clone(), e))?
+            let lowest = |loose| spectrum::lowest(stiffness, mass, free, highest, loose);
+            match lowest(self.rigid_modes) {
+                // Hinges are no rigid motions, but loose all the same.
+                Err(StaticsError::NotHeld) if springs.is_some() => lowest(self.rigid_modes.max(1)),
+                found => found,
+            }
+            .map_err(|e| ModelError::Statics(self.file.clone(), e))?
         } else if self.scene.integration.damping.is_some() {
             0.0
         } else if self.rigid_modes > 0 {
@@ -383,8 +399,14 @@ impl Model {
         let element_bound = (0..self.shape.len())
             .filter(bounds)
             .map(|t| {
-                let material = self.material(t);
-                self.shape[t].largest_eigenvalue(&material.law, material.density)
+                let (shape, MaterialLaw { law, density }) = (&self.shape[t], self.material(t));
+                match self.scene.model.kind {
+                    ModelKind::SpringMass => {
+                        let rest = self.rest_positions(t);
+                        spring_mass::largest_eigenvalue(law, shape.volume, &rest, *density)
+                    }
+                    _ => shape.largest_eigenvalue(law, *density),
+                }
             })
             .fold(0.0, f64::max)
             .sqrt();
@@ -393,6 +415,25 @@ impl Model {
             highest,
             element_bound,
         })
+    }
+
+    /// Of the vertices of tetrahedron `t` \[m\].
+    pub fn rest_positions(&self, t: usize) -> [Vec3; 4] {
+        self.mesh.tetrahedra[t].map(|v| self.mesh.nodes[v as usize])
+    }
+
+    /// Internal force \[N\] and elastic energy \[J\] of dynamic tetrahedron `t`, a vertex each.
+    pub(crate) fn tetrahedron_force(&self, t: usize, u: &[Vec3; 4]) -> ([Vec3; 4], [f64; 4]) {
+        let (shape, law) = (&self.shape[t], &self.material(t).law);
+        match self.scene.model.kind {
+            ModelKind::SpringMass => {
+                spring_mass::tetrahedron_force(law, shape.volume, &self.rest_positions(t), u)
+            }
+            _ => {
+                let force = shape.linear_force(law, u);
+                (force, std::array::from_fn(|k| 0.5 * u[k].dot(&force[k])))
+            }
+        }
     }
 
     /// Of tetrahedron `t`.

@@ -8,7 +8,8 @@ use super::tensor_mass::Lane;
 use crate::mesh::Vec3;
 use crate::statics::{Factor, Numbering, StaticsError};
 
-/// Angular frequencies of M^-1 K on the free degrees of freedom \[1/s\].
+/// Angular frequencies of M^-1 K on the free degrees of freedom \[1/s\]. K of springs: for the lowest the
+/// tangent at rest, for the others what bounds the tangent at any stretch.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Spectrum {
     /// The lowest that is not a rigid motion; 0 where it was not needed and too dear to find.

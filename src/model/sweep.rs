@@ -32,6 +32,22 @@ pub struct Motion<'a> {
     pub mass: &'a [f64],
 }
 
+impl Motion<'_> {
+    /// Whether all slices have n entries.
+    pub(super) fn is_of(&self, n: usize) -> bool {
+        let lengths = [
+            self.displacement.len(),
+            self.velocity.len(),
+            self.residual.len(),
+            self.partial.len(),
+            self.external.len(),
+            self.inverse_mass.len(),
+            self.mass.len(),
+        ];
+        lengths.iter().all(|l| *l == n)
+    }
+}
+
 /// One substep's numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Advance {
@@ -81,17 +97,7 @@ pub struct Sums {
 
 /// Runs one substep.
 pub fn sweep(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, by: &Advance) -> Sums {
-    let n = pattern.nodes();
-    let lengths = [
-        m.displacement.len(),
-        m.velocity.len(),
-        m.residual.len(),
-        m.partial.len(),
-        m.external.len(),
-        m.inverse_mass.len(),
-        m.mass.len(),
-    ];
-    assert!(lengths.iter().all(|l| *l == n) && tensors.0.len() == 9 * pattern.column.len() + 3);
+    assert!(m.is_of(pattern.nodes()) && tensors.0.len() == 9 * pattern.column.len() + 3);
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma") {
         // SAFETY: the features are there; lengths are checked above, columns are below n by
@@ -103,11 +109,6 @@ pub fn sweep(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, by: &Advance)
 
 /// The same in plain code, for machines without AVX2 and as the fast form's oracle.
 pub fn plain(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, by: &Advance) -> Sums {
-    let Advance {
-        substep: h,
-        gain,
-        damping: c,
-    } = *by;
     let mut sums = Sums::default();
     for i in 0..pattern.nodes() {
         let u_i = m.displacement[i].0;
@@ -129,22 +130,37 @@ pub fn plain(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, by: &Advance)
                 }
             }
         }
-        let mass = m.mass[i];
         for axis in 0..3 {
-            let v = m.velocity[i].0[axis];
-            let r = m.external[i].0[axis] - internal[axis] - c * mass * v;
-            let v_new = v + gain * m.inverse_mass[i].0[axis] * r;
             sums.elastic += u_i[axis] * internal[axis];
-            sums.kinetic += mass * v * v_new;
-            sums.damping += mass * v_new * (v + v_new);
-            sums.lagging += mass * v * v;
-            sums.external += m.external[i].0[axis] * u_i[axis];
-            m.residual[i].0[axis] = r;
-            m.velocity[i].0[axis] = v_new;
-            m.displacement[i].0[axis] = u_i[axis] + h * v_new;
         }
+        advance_node(m, i, &internal, by, &mut sums);
     }
     sums
+}
+
+/// Velocity and displacement of node i once its internal force is complete, and its share of the sums
+/// but the elastic one.
+pub(super) fn advance_node(
+    m: &mut Motion,
+    i: usize,
+    internal: &[f64],
+    by: &Advance,
+    sums: &mut Sums,
+) {
+    let mass = m.mass[i];
+    for axis in 0..3 {
+        let u = m.displacement[i].0[axis];
+        let v = m.velocity[i].0[axis];
+        let r = m.external[i].0[axis] - internal[axis] - by.damping * mass * v;
+        let v_new = v + by.gain * m.inverse_mass[i].0[axis] * r;
+        sums.kinetic += mass * v * v_new;
+        sums.damping += mass * v_new * (v + v_new);
+        sums.lagging += mass * v * v;
+        sums.external += m.external[i].0[axis] * u;
+        m.residual[i].0[axis] = r;
+        m.velocity[i].0[axis] = v_new;
+        m.displacement[i].0[axis] = u + by.substep * v_new;
+    }
 }
 
 #[cfg(target_arch = "x86_64")]

@@ -87,12 +87,17 @@ impl Pattern {
         self.column.len() - self.nodes()
     }
 
-    fn row(&self, i: usize) -> std::ops::Range<usize> {
+    pub(super) fn row(&self, i: usize) -> std::ops::Range<usize> {
         self.row_start[i] as usize..self.row_start[i + 1] as usize
     }
 
+    /// Neighbours j < i of node i, each with the place of (j, i).
+    pub(super) fn lower(&self, i: usize) -> &[(u32, u32)] {
+        &self.lower[self.lower_start[i] as usize..self.lower_start[i + 1] as usize]
+    }
+
     /// Place of the tensor of (i, j), i <= j.
-    fn place(&self, i: u32, j: u32) -> Option<usize> {
+    pub(super) fn place(&self, i: u32, j: u32) -> Option<usize> {
         let row = self.row(i as usize);
         self.column[row.clone()]
             .binary_search(&j)
@@ -133,12 +138,16 @@ impl Tensors {
                     &shape.gradient[j],
                     &shape.gradient[k],
                 );
-                let stored = &mut self.0[9 * place..9 * place + 9];
-                for row in 0..3 {
-                    for column in 0..3 {
-                        stored[3 * row + column] += block[(row, column)];
-                    }
-                }
+                self.add(place, &block);
+            }
+        }
+    }
+
+    pub(super) fn add(&mut self, place: usize, block: &Matrix3<f64>) {
+        let stored = &mut self.0[9 * place..9 * place + 9];
+        for row in 0..3 {
+            for column in 0..3 {
+                stored[3 * row + column] += block[(row, column)];
             }
         }
     }
@@ -179,8 +188,7 @@ impl Tensors {
         for place in pattern.row(i) {
             sum += self.at(place) * u[pattern.column[place] as usize].xyz();
         }
-        let lower = pattern.lower_start[i] as usize..pattern.lower_start[i + 1] as usize;
-        for (j, place) in &pattern.lower[lower] {
+        for (j, place) in pattern.lower(i) {
             sum += self.at(*place as usize).tr_mul(&u[*j as usize].xyz());
         }
         sum

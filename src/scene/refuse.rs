@@ -22,9 +22,11 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
         _ => "msh",
     };
     let text = |path: &str| path.to_string();
+    // The equilibrium of springs is no linear system.
+    let settled = model.kind == ModelKind::SpringMass && scene.start == Start::Equilibrium;
     #[rustfmt::skip]
     let mut table = vec![
-        (model.kind == ModelKind::SpringMass, text("model.kind"), word(&model.kind), "use tensorMass"),
+        (settled, text("start"), format!("{} with {}", word(&scene.start), word(&model.kind)), "use rest"),
         (model.elasticity != Elasticity::Linear, text("model.elasticity"), word(&model.elasticity), "use linear"),
         (model.form != Form::PerTetrahedron, text("model.form"), word(&model.form), "use perTetrahedron"),
         (model.adaptive != Adaptive::Blend, text("model.adaptive"), word(&model.adaptive), "use blend"),

@@ -376,7 +376,7 @@ pub enum ModelKind {
     TensorMass,
     /// A pre-computed part and a tensor-mass part that can be cut.
     Hybrid,
-    /// Mass points and springs along the edges.
+    /// Mass points and springs along the edges, for comparison; starts at rest only.
     SpringMass,
 }
 

@@ -1,4 +1,4 @@
-//! Speed of one linear substep, beside the machine's own limits in the same run.
+//! Speed of one linear substep and of one of springs, beside the machine's own limits in the same run.
 //!
 //! `cargo bench -p tissue --bench step`. Prints CSV: what, median and best, so that ratios travel from
 //! machine to machine. Medians of interleaved runs; nothing here fails on time.
@@ -8,10 +8,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use tissue::model::Model;
 use tissue::model::edge_list::EdgeList;
 use tissue::model::sweep::{Advance, Motion, plain, sweep};
 use tissue::model::tensor_mass::Lane;
+use tissue::model::{Model, spring_sweep};
+use tissue::scene::{ModelKind, Start};
 use tissue::simulation::Simulation;
 
 const PLATE: &str = r#"{"name": "plate", "mesh": {"box": {"size": [0.22, 0.1, 0.02], "cells": [22, 10, 2]}},
@@ -102,10 +103,16 @@ fn main() {
         let (h, c) = (model.substep(model.damping()), model.damping());
         let by = Advance::symplectic_euler(h, h, c);
         let list = EdgeList::new(&model.pattern, tensors);
-        let (mut a, mut b, mut d) = (
+        let mut scene = model.scene.clone();
+        (scene.model.kind, scene.start) = (ModelKind::SpringMass, Start::Rest);
+        let network = model.with_scene(scene).expect("the same mesh");
+        let springs = network.whole.springs.as_ref().expect("springs");
+        let (mut a, mut b, mut d, mut e, mut f) = (
             Fields::new(&model),
             Fields::new(&model),
             Fields::new(&model),
+            Fields::new(&network),
+            Fields::new(&network),
         );
         let results = interleaved(
             201,
@@ -118,6 +125,12 @@ fn main() {
                     black_box(plain(&model.pattern, tensors, &mut b.motion(), &by));
                 }),
                 ("edge list", &mut || list.step(&mut d.motion(), h, c)),
+                ("springs", &mut || {
+                    black_box(spring_sweep::sweep(springs, &mut e.motion(), &by));
+                }),
+                ("springs plain", &mut || {
+                    black_box(spring_sweep::plain(springs, &mut f.motion(), &by));
+                }),
             ],
         );
         let size = format!(
