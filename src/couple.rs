@@ -17,8 +17,10 @@ use crate::model::tensor_mass::Lane;
 
 /// Contact degrees of freedom there is room for without allocating.
 const ROOM: usize = 384;
+/// Nodes brought up to date at once.
+const RUN: usize = 64;
 /// Numbers read to keep far nodes up to date, a haptic tick.
-const ROUND: usize = 150_000;
+const ROUND: usize = 30_000;
 
 /// Where the energy of the pre-computed part is \[J\].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -233,24 +235,8 @@ impl Coupling {
         let drives = self.amplitude.iter().zip(&part.drives).enumerate();
         drives
             .filter(|(_, (a, source))| **a != 0.0 && (all || source.is_force()))
-            .map(|(k, (a, _))| a * part.field(k, dof))
+            .map(|(k, (a, _))| a * part.field(k)[dof])
             .sum()
-    }
-
-    /// Displacement of a node inside \[m\], counted from the first such.
-    pub fn displacement(&self, part: &Precomputed, node: usize) -> Vec3 {
-        let moved = &self.moved[..3 * part.connection];
-        let mut u = Vec3::from_fn(|axis, _| {
-            let dof = 3 * node + axis;
-            self.driven(part, dof, true) + dot(part.influence(dof), moved)
-        });
-        for (dof, pressure) in self.held.iter().zip(&self.pressure) {
-            let column = part.compliance(*dof as usize);
-            for axis in 0..3 {
-                u[axis] += pressure * column[3 * node + axis];
-            }
-        }
-        u
     }
 
     /// u_c . force on c
@@ -274,7 +260,7 @@ impl Coupling {
             }
             let pushed = dot(part.push(k), moved);
             let pressed: f64 = (self.held.iter().zip(&self.pressure))
-                .map(|(dof, p)| p * part.field(k, *dof as usize))
+                .map(|(dof, p)| p * part.field(k)[*dof as usize])
                 .sum();
             let (mut own, mut given) = (0.0, 0.0);
             for (l, b) in self.amplitude.iter().enumerate() {
@@ -319,27 +305,62 @@ impl Coupling {
         }
     }
 
-    /// Brings the known displacement of a node inside up to date; what is held is where it is held, to
-    /// the bit.
-    fn update(&self, model: &Model, displacement: &mut [Lane], held: &[Held], node: usize) {
+    /// Brings the known displacements of some nodes inside up to date; what is held is where it is held,
+    /// to the bit.
+    fn update(
+        &self,
+        model: &Model,
+        displacement: &mut [Lane],
+        held: &[Held],
+        nodes: std::ops::Range<usize>,
+    ) {
         let Some(part) = &model.precomputed else {
             return;
         };
-        let at = model.parts.moving + node;
-        let mut now = self.displacement(part, node);
-        for h in held.iter().filter(|h| h.node as usize == at) {
-            for axis in (0..3).filter(|a| h.axes[*a]) {
-                now[axis] = displacement[at].0[axis];
+        let mut room = [0.0; 3 * RUN];
+        let moved = &self.moved[..3 * part.connection];
+        let mut first = nodes.start;
+        while first < nodes.end {
+            let end = nodes.end.min(first + RUN);
+            let dofs = 3 * first..3 * end;
+            let now = &mut room[..dofs.len()];
+            for (now, dof) in now.iter_mut().zip(dofs.clone()) {
+                *now = dot(part.influence(dof), moved);
             }
+            for (k, a) in self
+                .amplitude
+                .iter()
+                .enumerate()
+                .filter(|(_, a)| **a != 0.0)
+            {
+                add_scaled(now, *a, &part.field(k)[dofs.clone()]);
+            }
+            for (held, pressure) in self.held.iter().zip(&self.pressure) {
+                let column = part.compliance(*held as usize);
+                add_scaled(now, *pressure, &column[dofs.clone()]);
+            }
+            let from = model.parts.moving + first;
+            let upto = model.parts.moving + end;
+            for h in held
+                .iter()
+                .filter(|h| (from..upto).contains(&(h.node as usize)))
+            {
+                let at = h.node as usize;
+                for axis in (0..3).filter(|a| h.axes[*a]) {
+                    now[3 * (at - from) + axis] = displacement[at].0[axis];
+                }
+            }
+            for (known, now) in displacement[from..upto].iter_mut().zip(now.chunks(3)) {
+                *known = Lane([now[0], now[1], now[2], 0.0]);
+            }
+            first = end;
         }
-        displacement[at] = now.into();
     }
 
     /// All known displacements inside.
     pub fn update_all(&self, model: &Model, displacement: &mut [Lane], held: &[Held]) {
-        for node in 0..model.parts.known - model.parts.moving {
-            self.update(model, displacement, held, node);
-        }
+        let count = model.parts.known - model.parts.moving;
+        self.update(model, displacement, held, 0..count);
     }
 
     /// Those of touchable nodes that `near` says so of the position of.
@@ -354,7 +375,7 @@ impl Coupling {
         for node in 0..model.parts.touchable {
             let u = displacement[moving + node].xyz();
             if near(&(model.mesh.nodes[moving + node] + u)) {
-                self.update(model, displacement, held, node);
+                self.update(model, displacement, held, node..node + 1);
             }
         }
     }
@@ -365,9 +386,9 @@ impl Coupling {
             return;
         };
         let numbers = 9 * (part.connection + 1) + 3 * self.held.len();
-        for _ in 0..(ROUND / numbers.max(1)).min(part.touchable) {
-            self.turn = (self.turn + 1) % part.touchable;
-            self.update(model, displacement, held, self.turn);
-        }
+        let begin = self.turn;
+        let end = part.touchable.min(begin + ROUND / numbers);
+        self.update(model, displacement, held, begin..end);
+        self.turn = if end == part.touchable { 0 } else { end };
     }
 }

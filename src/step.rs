@@ -341,12 +341,13 @@ fn set_substep(state: &mut State, h: f64) {
 
 /// Before tool `k` is asked what it touches: where the tissue near it is.
 fn look(model: &Model, state: &mut State, k: usize) {
-    if model.parts.touchable == 0 {
+    if model.parts.touchable == 0 || !hold::feels(model, state, k) {
         return;
     }
     let capsule = Capsule::of(&model.scene.tools[k].shape, &state.tools[k].pose, None);
-    // The vertices of a touched triangle are within its longest edge; another for what has moved since.
-    let reach = capsule.radius + 2.0 * model.longest_edge;
+    // The vertices of a touched triangle are within its longest edge; the rest is for stretch and what
+    // has moved since they were looked at.
+    let reach = capsule.radius + 1.25 * model.longest_edge;
     let near = |at: &Vec3| capsule.axis_distance(at) <= reach;
     let State {
         coupling,

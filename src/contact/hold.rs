@@ -76,6 +76,12 @@ pub fn reaction(model: &Model, state: &State, held: &Held) -> Vec3 {
     Vec3::from_fn(|axis, _| if held.axes[axis] { force[axis] } else { 0.0 })
 }
 
+/// Whether [`update`] will ask what tool `k` touches.
+pub fn feels(model: &Model, state: &State, k: usize) -> bool {
+    let (was, is) = (state.tools[k].active, state.tools[k].input_active);
+    model.scene.tools[k].kind != ToolKind::Grasper || (is && !was)
+}
+
 /// Updates what tool `k` holds. `touched` is scratch. True where pre-computed tissue has been let go: it
 /// springs back at once, so that what is touched then must be asked again.
 #[must_use]

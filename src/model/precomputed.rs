@@ -258,9 +258,10 @@ impl Precomputed {
         &self.compliance[dof * size..(dof + 1) * size]
     }
 
-    /// w_k at a kept degree of freedom.
-    pub fn field(&self, drive: usize, dof: usize) -> f64 {
-        self.field[drive * 3 * self.kept + dof]
+    /// w_k: 3 kept numbers.
+    pub fn field(&self, drive: usize) -> &[f64] {
+        let size = 3 * self.kept;
+        &self.field[drive * size..(drive + 1) * size]
     }
 
     /// g_k: 3 connection numbers.

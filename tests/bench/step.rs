@@ -1,6 +1,6 @@
 //! Speed of one linear substep and of one of springs, beside the machine's own limits in the same run.
 //!
-//! `cargo bench -p tissue --bench step`. Prints CSV: what, median and best, so that ratios travel from
+//! `cargo bench -p tissue --bench step`, with `-- --large` for organs of 100 000 tetrahedra and more. Prints CSV: what, median and best, so that ratios travel from
 //! machine to machine. Medians of interleaved runs; nothing here fails on time.
 
 use std::hint::black_box;
@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use tissue::model::edge_list::EdgeList;
+use tissue::model::precomputed::compute;
 use tissue::model::sweep::{Advance, Motion, plain, sweep};
 use tissue::model::tensor_mass::Lane;
 use tissue::model::{Model, spring_sweep};
@@ -19,6 +20,7 @@ const PLATE: &str = r#"{"name": "plate", "mesh": {"box": {"size": [0.22, 0.1, 0.
   "materials": [{"where": {"all": true}, "youngModulus": 6000, "poissonRatio": 0.45, "density": 1060}],
   "fixed": [{"box": {"min": [0, 0, 0], "max": [0, 1, 1]}}]}"#;
 const LIVER: &str = include_str!("../../examples/hepatectomy.json");
+const HYBRID: &str = include_str!("../../examples/hybrid_liver.json");
 
 fn model(text: &str) -> Arc<Model> {
     let path = Path::new("bench.json");
@@ -148,15 +150,95 @@ fn main() {
             results[2].2 / results[0].2
         );
     }
-    do_step();
+    do_step("liver", LIVER, 1e-3);
+    do_step("hybrid liver", HYBRID, 1e-3);
+    let statics = quasi_static(LIVER, 0.018);
+    do_step("quasi-static liver", &statics, 5e-5);
+    precompute("hybrid liver", HYBRID);
+    precompute("quasi-static liver", &statics);
+    if std::env::args().any(|a| a == "--large") {
+        large();
+    }
 }
 
-/// 1 ms steps of the liver with the grasper holding its edge.
-fn do_step() {
-    let mut simulation = Simulation::new(model(LIVER));
+/// All pre-computed, at 20 kHz, with a grasper so thick that it holds twenty nodes.
+fn quasi_static(text: &str, radius: f64) -> String {
+    let model =
+        r#""model": {"kind": "quasiStatic"}, "integration": {"hapticRate": 20000}, "start""#;
+    let thick = format!(r#""radius": {radius}, "length": 0.25}}}}, "activeLength": 0.012"#);
+    let thin = r#""radius": 0.004, "length": 0.25}}, "activeLength": 0.012"#;
+    text.replace(r#""start""#, model).replace(thin, &thick)
+}
+
+/// Factor and solutions, on one thread.
+fn precompute(name: &str, text: &str) {
+    let model = model(text);
+    let mut times: Vec<f64> = (0..5)
+        .map(|_| {
+            let start = Instant::now();
+            black_box(compute(&model, 1, &|_| {}).expect("held tissue"));
+            start.elapsed().as_secs_f64()
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    let columns = 3 * (model.parts.connection + model.parts.touchable);
+    println!(
+        "{name}: pre-computation of {columns} columns on one thread,{:.3},{:.3},s",
+        times[2], times[0]
+    );
+}
+
+/// 100 000 tetrahedra with 5 000 dynamic ones, and 160 000 to pre-compute. Minutes, and some GB.
+fn large() {
+    let tool = r#"[{"name": "grasper", "kind": "grasper", "shape": {"sphere": {"radius": 0.008}}, "position": [0.1, 0, 0.03]}]"#;
+    let scene = |edge: f64, dynamic: f64| {
+        format!(
+            r#"{{"name": "organ", "mesh": {{"liver": {{"edgeLength": {edge}}}}},
+            "materials": [{{"where": {{"all": true}}, "youngModulus": 28000, "poissonRatio": 0.4, "density": 1060}}],
+            "fixed": [{{"box": {{"min": [-0.1, 0.02, 0.0], "max": [0.03, 0.2, 0.2]}}}}],
+            "integration": {{"damping": 20}},
+            "model": {{"kind": "hybrid", "dynamic": {{"halfSpace": {{"point": [{dynamic}, 0, 0], "normal": [1, 0, 0]}}}},
+                "touchable": {{"sphere": {{"center": [{dynamic}, 0, 0], "radius": 0.03}}}}}},
+            "outputs": {{"vertices": "none"}}, "tools": {tool}}}"#
+        )
+    };
+    let small = scene(0.0058, 0.077);
+    precompute_large("organ", &small);
+    do_step("organ", &small, 1e-3);
+    precompute_large("large organ", &scene(0.0049, 0.077));
+}
+
+fn precompute_large(name: &str, text: &str) {
+    let start = Instant::now();
+    let model = model(text);
+    let dynamic = model.parts.dynamic.iter().filter(|d| **d).count();
+    println!(
+        "{name}: {} tetrahedra {dynamic} dynamic {} connection {} touchable nodes: model,{:.1},,s",
+        model.shape.len(),
+        model.parts.connection,
+        model.parts.touchable,
+        start.elapsed().as_secs_f64()
+    );
+    println!("{name}: peak memory,{:.2},,GB", peak_memory());
+}
+
+/// Of this process so far; 0 where the system does not say.
+fn peak_memory() -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"));
+    let kilobytes = line.and_then(|l| l.trim().trim_end_matches(" kB").parse().ok());
+    kilobytes.map_or(0.0, |kb: f64| kb * 1e-6)
+}
+
+/// Steps with the grasper holding the surface node nearest to its place.
+fn do_step(name: &str, text: &str, length: f64) {
+    let mut simulation = Simulation::new(model(text));
     let start = tissue::mesh::Vec3::from(simulation.model().scene.tools[0].position);
-    let nearest = (simulation.model().surface_nodes.iter())
-        .map(|n| simulation.state().position(simulation.model(), *n))
+    let reach = simulation.model().parts.moving + simulation.model().parts.touchable;
+    let nearest = (simulation.model().whole.surface.iter())
+        .flat_map(|f| simulation.model().topology.faces[*f as usize].vertices)
+        .filter(|v| (*v as usize) < reach)
+        .map(|v| simulation.state().position(simulation.model(), v))
         .min_by(|a, b| (a - start).norm().total_cmp(&(b - start).norm()))
         .expect("a surface");
     for axis in 0..3 {
@@ -164,25 +246,30 @@ fn do_step() {
     }
     simulation.place_tools().expect("a pose");
     simulation.set_active(0, true);
-    let mut times: Vec<f64> = (0..2000)
+    let count = 10_000;
+    let mut times: Vec<f64> = (0..count)
         .map(|k| {
-            simulation.set_pose_input(0, 2, nearest.z + 1e-5 * f64::from(k));
+            simulation.set_pose_input(0, 2, nearest.z + 1e-2 * length * f64::from(k % 1000));
             let start = Instant::now();
-            simulation.step(1e-3).expect("a step");
+            simulation.step(length).expect("a step");
             start.elapsed().as_secs_f64()
         })
         .collect();
     assert!(simulation.tool(0).in_contact);
     times.sort_by(f64::total_cmp);
+    let (median, best) = (1e6 * times[times.len() / 2], 1e6 * times[0]);
+    let substeps = (length / simulation.substep()).round();
+    let held = simulation.state().held.len();
+    println!("{name}: step of {length} s with {held} nodes held,{median:.1},{best:.1},us");
     println!(
-        "liver step of 1 ms in contact,{:.1},{:.1},us",
-        1e6 * times[1000],
-        1e6 * times[0]
+        "{name}: a substep of it ({substeps} a step),{:.1},{:.1},us",
+        median / substeps,
+        best / substeps
     );
-    println!(
-        "liver step of 1 ms in contact p99.9,{:.1},,us",
-        1e6 * times[1998]
-    );
+    for share in [0.99, 0.999, 1.0] {
+        let at = ((share * f64::from(count)) as usize).min(times.len() - 1);
+        println!("{name}: step p{},{:.1},,us", 100.0 * share, 1e6 * times[at]);
+    }
 }
 
 /// Independent fused multiply-adds and a streaming sum, on one core.
