@@ -107,7 +107,10 @@ pub fn inspect(model: &Model) -> Inspection {
                 "centralDifference",
                 limit(critical_step::central_difference(omega)),
             ),
-            ("rungeKutta4", limit(critical_step::runge_kutta_4(omega, 0.0))),
+            (
+                "rungeKutta4",
+                limit(critical_step::runge_kutta_4(omega, 0.0)),
+            ),
             ("implicitEuler", None),
         ]),
         substep: model.substep(damping),

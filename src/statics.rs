@@ -271,8 +271,7 @@ impl Factor {
     /// Scratch for [`Factor::solve_with`] of so many right sides at once.
     pub fn room(&self, count: usize) -> Room {
         Room(MemBuffer::new(
-            self.symbolic
-                .solve_in_place_scratch::<f64>(count, Par::Seq),
+            self.symbolic.solve_in_place_scratch::<f64>(count, Par::Seq),
         ))
     }
 

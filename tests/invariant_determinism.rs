@@ -49,11 +49,18 @@ fn reset_and_rerun_give_the_same_bits() {
 /// Saved in contact, mid-cut, and restored into the same and into another instance.
 #[test]
 fn restored_equals_never_interrupted() {
-    let mut whole = common::simulation(common::BAR);
+    restored(common::BAR);
+    for scheme in ["euler", "rungeKutta4", "implicitEuler"] {
+        restored(&common::bar_with(scheme));
+    }
+}
+
+fn restored(scene: &str) {
+    let mut whole = common::simulation(scene);
     run(&mut whole, 0, 1100);
     let end = bits(&mut whole);
-    for stop in [200, 480, 700] {
-        let mut s = common::simulation(common::BAR);
+    for stop in [200, 480, 700, 760] {
+        let mut s = common::simulation(scene);
         run(&mut s, 0, stop);
         let saved = s.save();
         let bytes = s.serialise(&saved);
@@ -62,7 +69,7 @@ fn restored_equals_never_interrupted() {
         s.restore(&saved);
         run(&mut s, stop, 1100);
         assert_eq!(end, bits(&mut s), "restored at {stop}");
-        let mut other = common::simulation(common::BAR);
+        let mut other = common::simulation(scene);
         let restored = other.deserialise(&bytes).unwrap();
         assert!(other.serialise(&restored) == bytes);
         other.restore(&restored);

@@ -81,7 +81,8 @@ fn balance_closes_with_loads_prescribed_nodes_uniform_mass_and_uneven_steps() {
             scale = scale.max(largest(&energy));
             let residual = energy.balance() - s.state().account.start;
             assert!(
-                residual.abs() < 1e-11 * scale || scheme == "implicitEuler" && residual.abs() < 1e-9 * scale,
+                residual.abs() < 1e-11 * scale
+                    || scheme == "implicitEuler" && residual.abs() < 1e-9 * scale,
                 "{scheme}: {residual:e} J of {scale:e} J at step {k}"
             );
         }

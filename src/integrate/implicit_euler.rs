@@ -227,7 +227,11 @@ impl Scratch {
             self.push.push(-sum);
         }
         self.border.solve(&mut self.push);
-        for (push, column) in self.push.iter().zip(self.columns.chunks(self.dof.len().max(1))) {
+        for (push, column) in self
+            .push
+            .iter()
+            .zip(self.columns.chunks(self.dof.len().max(1)))
+        {
             add_scaled(&mut self.correction, *push, column);
         }
         for (z, dof) in self.correction.iter_mut().zip(&self.dof) {

@@ -45,7 +45,15 @@ pub(super) fn substep(
     let (behind, ahead) = damped(&sums, state.clock.lag, &by, central);
     let kinetic = kinetic(&sums, state.clock.lag, h);
     state.coupling.solve(model, &state.displacement);
-    watch(model, state, &before, &sums, kinetic, trailing - behind, tick)?;
+    watch(
+        model,
+        state,
+        &before,
+        &sums,
+        kinetic,
+        trailing - behind,
+        tick,
+    )?;
     let made = made(&sums, state.clock.lag, h);
     state.account.made += made;
     state.account.dissipated += behind + ahead - made;

@@ -99,8 +99,7 @@ fn place_held(state: &mut State, s: f64, h: f64) {
     for held in &state.held {
         let i = held.node as usize;
         for axis in (0..3).filter(|a| held.axes[*a]) {
-            state.displacement[i].0[axis] =
-                held.target[axis] - (1.0 - s) * h * held.velocity[axis];
+            state.displacement[i].0[axis] = held.target[axis] - (1.0 - s) * h * held.velocity[axis];
         }
     }
 }

@@ -97,6 +97,47 @@ pub fn of(scheme: Scheme, omega: f64, damping: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    /// Every mode is stable up to the limit, and one grows just past it: by taking steps, mode by mode.
+    #[test]
+    fn runge_kutta_4_limit_is_sharp() {
+        let omega = 3.0;
+        let grows = |w: f64, c: f64, h: f64| {
+            let rate = |u: f64, v: f64| (v, -w * w * u - c * v);
+            let (mut u, mut v) = (1.0f64, 0.3f64);
+            for _ in 0..4000 {
+                let (a, b) = rate(u, v);
+                let (p, q) = rate(u + 0.5 * h * a, v + 0.5 * h * b);
+                let (r, s) = rate(u + 0.5 * h * p, v + 0.5 * h * q);
+                let (x, y) = rate(u + h * r, v + h * s);
+                u += h / 6.0 * (a + 2.0 * p + 2.0 * r + x);
+                v += h / 6.0 * (b + 2.0 * q + 2.0 * s + y);
+            }
+            // At the limit a mode neither grows nor decays.
+            !(u.abs() + v.abs() < 20.0)
+        };
+        let table = [
+            (0.0, 2.83),
+            (0.14, 2.96),
+            (0.35, 2.77),
+            (0.5, 2.62),
+            (0.8, 1.74),
+            (1.0, 1.39),
+            (3.0, 0.464),
+        ];
+        for (zeta, printed) in table {
+            let c = 2.0 * zeta * omega;
+            let limit = super::runge_kutta_4(omega, c);
+            assert!(
+                (limit * omega - printed).abs() < 0.006,
+                "{zeta}: {}",
+                limit * omega
+            );
+            let modes = |h: f64| (1..=400).any(|k| grows(omega * f64::from(k) / 400.0, c, h));
+            assert!(!modes(0.9995 * limit), "zeta {zeta}");
+            assert!(modes(1.002 * limit), "zeta {zeta}");
+        }
+    }
+
     /// The limit is where the larger root of the one-mode recursion reaches -1.
     #[test]
     fn symplectic_euler_limit_is_sharp() {

@@ -21,8 +21,8 @@ use crate::mesh::check::MeshReport;
 use crate::mesh::topology::{Face, NONE, Topology};
 use crate::mesh::{self, MeshError, TetMesh, Vec3};
 use crate::scene::{
-    CutMass, EULER_UNDAMPED, InterfaceMass, Mass, OutputVertices, Scene, SceneError, Scheme, Selector, Start,
-    ToolKind, select_tetrahedra,
+    CutMass, EULER_UNDAMPED, InterfaceMass, Mass, OutputVertices, Scene, SceneError, Scheme,
+    Selector, Start, ToolKind, select_tetrahedra,
 };
 use crate::statics::StaticsError;
 use boundary::Boundary;
