@@ -275,7 +275,7 @@ fn runs_away(model: &Model, zeta: f64, share: f64) -> bool {
         let largest = (state.displacement.iter())
             .map(|u| u.xyz().norm())
             .fold(0.0, f64::max);
-        if largest > 1.0 {
+        if largest > 1e-3 {
             return true;
         }
     }
@@ -386,7 +386,7 @@ fn an_old_factor_solves_for_cut_tissue() {
         let model = block("implicitEuler", &more);
         let mut old = State::new(&model);
         let mut work = Workspace::new(&model, &old);
-        advance(&model, &mut old, &mut work, 35, 1e-3).unwrap();
+        advance(&model, &mut old, &mut work, 31, 1e-3).unwrap();
         let removed = old.live.removed.len();
         assert!(
             removed > 10 && old.factored.removed < removed,

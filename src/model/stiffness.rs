@@ -23,10 +23,11 @@ impl<'a> Stiffness<'a> {
         let Some((interface, from)) = self.interface else {
             return;
         };
-        let packed: Vec<f64> = u[from..]
+        let mut packed: Vec<f64> = u[from..]
             .iter()
             .flat_map(|u| [u.0[0], u.0[1], u.0[2]])
             .collect();
+        packed.resize(packed.len().next_multiple_of(4), 0.0);
         let mut force = vec![0.0; packed.len()];
         interface.product(&packed, &mut force);
         for (out, force) in out[from..].iter_mut().zip(force.chunks(3)) {
