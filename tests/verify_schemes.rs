@@ -6,7 +6,7 @@ use tissue::mesh::Vec3;
 use tissue::model::{Model, critical_step};
 use tissue::scene::Scheme;
 use tissue::simulation::Simulation;
-use tissue::state::State;
+use tissue::state::{Factored, State};
 use tissue::step::{Workspace, advance};
 
 /// The bar without cautery, so that its substep is limited by its own spectrum.
@@ -240,7 +240,7 @@ fn orders_of_free_vibration() {
             let observed = (coarse / fine).log2();
             println!("{scheme}{more}: {observed} ({coarse:e}, {fine:e} of {size:e})");
             assert!(
-                (observed - order).abs() < 0.1,
+                (observed - order).abs() < 0.15,
                 "{scheme}{more}: {observed} ({coarse:e}, {fine:e})"
             );
         }
@@ -255,17 +255,17 @@ fn runs_away(model: &Model, zeta: f64, share: f64) -> bool {
     let mut state = State::new(model);
     state.parameters.gravity = [0.0; 3];
     state.parameters.damping = damping;
-    for u in &mut state.displacement {
-        *u = Default::default();
-    }
-    state.refresh_all(model);
     let mut seed = 11u64;
     for i in 0..model.parts.moving {
         for axis in (0..3).filter(|a| model.boundary.free[i][*a]) {
             seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            state.velocity[i].0[axis] = 1e-3 * ((seed >> 40) as f64 / (1u64 << 24) as f64 - 0.5);
+            state.displacement[i].0[axis] =
+                1e-6 * ((seed >> 40) as f64 / (1u64 << 24) as f64 - 0.5);
         }
     }
+    state.refresh_all(model);
+    state.clock.substep = h;
+    state.clock.lag = if model.is_staggered() { h } else { 0.0 };
     state.account.start = state.energy(model).balance();
     let mut work = Workspace::new(model, &state);
     for _ in 0..40 {
@@ -374,7 +374,7 @@ fn the_account_of_runge_kutta_4_closes_to_fourth_order() {
 #[test]
 fn an_old_factor_solves_for_cut_tissue() {
     let cut = r#", "cuts": [{"time": 0.02, "where": {"box": {"min": [0.03, 0, 0.01], "max": [0.04, 1, 1]}}},
-        {"time": 0.03, "where": {"box": {"min": [0.06, 0, 0.01], "max": [0.07, 1, 1]}}}]"#;
+        {"time": 0.03, "where": {"box": {"min": [0.06, 0, 0.01], "max": [0.07, 0.01, 1]}}}]"#;
     for more in [
         cut.to_string(),
         format!(
@@ -394,25 +394,28 @@ fn an_old_factor_solves_for_cut_tissue() {
             old.factored
         );
         let mut new = old.clone();
-        new.factored.removed = removed;
+        new.factored = Factored { removed, spent: 0 };
         let mut fresh = Workspace::new(&model, &new);
-        for _ in 0..5 {
+        let mut compared = 0;
+        while old.factored.removed < removed {
             let spent = old.factored.spent;
             advance(&model, &mut old, &mut work, 1, 1e-3).unwrap();
-            assert!(old.factored.spent >= spent + 2, "{:?}", old.factored);
             advance(&model, &mut new, &mut fresh, 1, 1e-3).unwrap();
-            let (off, size) = (
-                distance(&model, &old, &new),
-                distance(&model, &old, &State::new(&model)),
-            );
-            assert!(off < 1e-8 * size, "{off:e} of {size:e}");
             if old.factored.removed == removed {
                 break;
             }
+            assert!(old.factored.spent >= spent + 2, "{:?}", old.factored);
+            assert_eq!(new.factored.spent, 0);
+            let size = distance(&model, &old, &State::new(&model));
+            let off = distance(&model, &old, &new);
+            assert!(off < 1e-8 * size, "{off:e} of {size:e}");
+            compared += 1;
         }
+        println!("compared {compared}, {:?}", old.factored);
+        assert!(compared > 1);
         // In time a new factor is worth it, and then one iteration does.
         advance(&model, &mut old, &mut work, 60, 1e-3).unwrap();
-        assert_eq!(old.factored, tissue::state::Factored { removed, spent: 0 });
+        assert_eq!(old.factored, Factored { removed, spent: 0 });
     }
 }
 

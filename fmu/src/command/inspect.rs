@@ -51,6 +51,8 @@ pub fn run(path: &Path, json: bool) -> Result<(), Error> {
         let step = step.map_or("none".to_string(), |s| format!("{:.4} ms", 1e3 * s));
         lines.push(format!("  critical     {scheme:<18} {step}"));
     }
+    let scheme = serde_json::to_string(&i.scheme).unwrap_or_default();
+    lines.push(format!("  scheme       {}", scheme.trim_matches('"')));
     lines.push(format!(
         "  substep      {:.4} ms, about {:.1} us each here, without contact",
         1e3 * i.substep,
