@@ -28,7 +28,7 @@ pub struct Account {
     pub support_work: f64,
     /// By damping, and what cuts and attaches lose.
     pub dissipated: f64,
-    /// Net gain of energy by substeps of changing length, booked in `dissipated` with the sign turned.
+    /// Net gain of energy by substeps of changing length, or by Runge-Kutta 4, booked in `dissipated` with the sign turned.
     pub made: f64,
     /// The balance at the start.
     pub start: f64,

@@ -362,18 +362,16 @@ pub(crate) fn watch(
             - before.tool_work
             - before.support_work
             - trailing;
-        let residual = match (model.scheme(), balance - before.start) {
-            // Its own.
-            (Scheme::Euler, _) => 0.0,
-            // Fast modes lose more than is booked; gains are what matters.
-            (Scheme::RungeKutta4, residual) => residual.max(0.0),
-            (_, residual) => residual,
+        // Explicit Euler's is its own.
+        let residual = match model.scheme() {
+            Scheme::Euler => 0.0,
+            _ => balance - before.start,
         };
         let booked = before.dissipated.abs() + before.support_work.abs() + sums.external.abs();
         let in_play = elastic + kinetic + before.tool_work.abs();
         let limit = RESIDUAL_LIMIT * in_play.max(RESIDUAL_FLOOR) + ROUND_OFF * booked;
         let moved = in_play + before.support_work.abs() + (before.dissipated + before.made).abs();
-        let grows = before.made > MADE_LIMIT * moved.max(RESIDUAL_FLOOR);
+        let grows = model.is_staggered() && before.made > MADE_LIMIT * moved.max(RESIDUAL_FLOOR);
         let strikes = &mut state.account.strikes;
         *strikes = if residual.abs() > limit || grows {
             *strikes + 1
