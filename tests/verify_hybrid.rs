@@ -32,8 +32,15 @@ fn displacements(s: &mut Simulation) -> Vec<Vec3> {
 
 #[test]
 fn at_rest_every_split_is_the_whole() {
-    for model in SPLITS {
-        let mut s = common::simulation(&bar(model));
+    let scheme = |model: &str, scheme: &str| {
+        let integration = format!(r#""integration": {{"scheme": "{scheme}"}}, "tools""#);
+        bar(model).replace("\"tools\"", &integration)
+    };
+    let mut scenes: Vec<String> = SPLITS.iter().map(|m| bar(m)).collect();
+    scenes.extend(SPLITS.iter().map(|m| scheme(m, "implicitEuler")));
+    scenes.push(scheme(SPLITS[2], "rungeKutta4"));
+    for scene in scenes {
+        let mut s = common::simulation(&scene);
         println!(
             "{:?}",
             (
