@@ -68,6 +68,8 @@ pub struct Workspace {
     pub(crate) interface: guyan::Scratch,
     pub(crate) stages: runge_kutta_4::Scratch,
     pub(crate) implicit: implicit_euler::Scratch,
+    /// Of implicit Euler's last solution.
+    pub iterations: u64,
     /// A cautery has touched tissue that it cannot burn.
     pub spared: bool,
     start: State,
@@ -90,6 +92,7 @@ impl Workspace {
             interface: guyan::Scratch::new(model),
             stages: runge_kutta_4::Scratch::new(model),
             implicit: implicit_euler::Scratch::new(model),
+            iterations: 0,
             spared: false,
             start,
         }

@@ -408,14 +408,15 @@ fn an_old_factor_solves_for_cut_tissue() {
                 break;
             }
             assert!(old.factored.spent >= spent + 2, "{:?}", old.factored);
-            assert_eq!(new.factored.spent, 0);
+            assert_eq!((new.factored.spent, fresh.iterations), (0, 1));
+            assert!(work.iterations > 2);
             let size = distance(&model, &old, &State::new(&model));
             let off = distance(&model, &old, &new);
             assert!(off < 1e-8 * size, "{off:e} of {size:e}");
             compared += 1;
         }
         println!("compared {compared}, {:?}", old.factored);
-        assert!(compared > 1);
+        assert!(compared > 0);
         // In time a new factor is worth it, and then one iteration does.
         advance(&model, &mut old, &mut work, 60, 1e-3).unwrap();
         assert_eq!(old.factored, Factored { removed, spent: 0 });

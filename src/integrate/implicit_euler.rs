@@ -35,8 +35,8 @@ use crate::step::{StepError, Workspace, update_loads, watch};
 const TOLERANCE: f64 = 1e-11;
 /// Iterations before what is there must do.
 const MOST_ITERATIONS: u64 = 500;
-/// Iterations that cost as much as a new factor (760 sweeps at 17 each and one for the product).
-const RENEWAL: u64 = 42;
+/// Iterations after which a new factor is worth what it costs: as much as 8 to 18 of them, and all at once.
+const RENEWAL: u64 = 20;
 /// Held degrees of freedom there is room for without allocating.
 const ROOM: usize = 384;
 
@@ -300,9 +300,9 @@ pub(super) fn substep(
     }
     place_held(state, 1.0, h);
     evaluate(model, state, work, state.parameters.damping);
-    let iterations = solve(model, state, work, h);
+    work.iterations = solve(model, state, work, h);
     if state.factored.removed < state.live.removed.len() {
-        state.factored.spent += iterations.saturating_sub(1);
+        state.factored.spent += work.iterations.saturating_sub(1);
     }
     let mut twice_lost = 0.0;
     for (dof, x) in work.implicit.dof.iter().zip(&work.implicit.solution) {
