@@ -78,6 +78,31 @@ fn restored(scene: &str) {
     }
 }
 
+/// Implicit Euler solves with a factor of the tissue before the last cuts: it is made again from the state.
+#[test]
+fn an_old_factor_is_restored() {
+    let whole = common::bar_with("implicitEuler");
+    let model = r#"{"model": {"kind": "hybrid", "dynamic":
+        {"halfSpace": {"point": [0.03, 0, 0], "normal": [1, 0, 0]}}},"#;
+    for scene in [whole.replacen('{', model, 1), whole] {
+        let mut s = common::simulation(&scene);
+        let mut stop = 0;
+        let is_old = |s: &Simulation| s.state().factored.removed < s.state().live.removed.len();
+        while stop < 900 && !(is_old(&s) && s.state().factored.removed > 0) {
+            run(&mut s, stop, stop + 1);
+            stop += 1;
+        }
+        assert!(is_old(&s));
+        let bytes = s.serialise(s.state());
+        let mut other = common::simulation(&scene);
+        let restored = other.deserialise(&bytes).unwrap();
+        other.restore(&restored);
+        run(&mut s, stop, stop + 100);
+        run(&mut other, stop, stop + 100);
+        assert_eq!(bits(&mut s), bits(&mut other), "restored at {stop}");
+    }
+}
+
 #[test]
 fn damaged_bytes_are_refused() {
     use tissue::snapshot::SnapshotError::{Damaged, OtherModel, Version};
