@@ -28,14 +28,18 @@ static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn a_step_allocates_nothing() {
-    for scheme in [
-        "symplecticEuler",
-        "centralDifference",
-        "euler",
-        "rungeKutta4",
-        "implicitEuler",
+    let hybrid = r#"{"model": {"kind": "hybrid", "dynamic":
+        {"halfSpace": {"point": [0.05, 0, 0], "normal": [1, 0, 0]}}},"#;
+    for (scheme, model) in [
+        ("symplecticEuler", "{"),
+        ("centralDifference", "{"),
+        ("euler", "{"),
+        ("rungeKutta4", "{"),
+        ("implicitEuler", "{"),
+        ("rungeKutta4", hybrid),
+        ("implicitEuler", hybrid),
     ] {
-        let mut s = common::simulation(&common::bar_with(scheme));
+        let mut s = common::simulation(&common::bar_with(scheme).replacen('{', model, 1));
         let (mut contacts, mut worst, mut factors) = (0, 0, 0);
         let mut factored = None;
         for k in 0..1200 {
