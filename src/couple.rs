@@ -198,6 +198,16 @@ impl Coupling {
 
     /// Everything at the present displacements.
     pub fn solve(&mut self, model: &Model, displacement: &[Lane]) {
+        self.answer(model, displacement, true);
+    }
+
+    /// Only the answer to displacements of the connection nodes, what is held inside staying where it is
+    /// and nothing else pushing. [`Coupling::solve`] must come after it.
+    pub fn respond(&mut self, model: &Model, displacement: &[Lane]) {
+        self.answer(model, displacement, false);
+    }
+
+    fn answer(&mut self, model: &Model, displacement: &[Lane], driven: bool) {
         let Some(part) = &model.precomputed else {
             return;
         };
@@ -211,16 +221,19 @@ impl Coupling {
             *force = -elastic;
         }
         for (k, a) in self.amplitude.iter().enumerate() {
-            if *a != 0.0 {
+            if driven && *a != 0.0 {
                 add_scaled(&mut self.force, *a, part.push(k));
             }
         }
         for row in 0..self.held.len() {
             let dof = self.held[row] as usize;
-            let target = displacement[moving + dof / 3].0[dof % 3];
-            let reached =
-                self.driven(part, dof, true) + dot(part.influence(dof), &self.moved[..size]);
-            self.gap[row] = target - reached;
+            let followed = dot(part.influence(dof), &self.moved[..size]);
+            self.gap[row] = if driven {
+                let target = displacement[moving + dof / 3].0[dof % 3];
+                target - (self.driven(part, dof, true) + followed)
+            } else {
+                -followed
+            };
         }
         self.pressure.copy_from_slice(&self.gap);
         self.factor.solve(&mut self.pressure);

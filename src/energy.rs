@@ -1,11 +1,12 @@
 //! The energy account.
 //!
-//! Velocities live at half steps, so the account that closes to round-off is
+//! Where velocities live at full steps kinetic = v^T M v / 2, and each scheme books what its substep does.
+//! Symplectic Euler's and central difference's live at half steps, so the account that closes to round-off is
 //!
 //! kinetic_n = v_{n-1/2}^T M v_{n+1/2} / 2,  elastic_n = u_n^T K u_n / 2,
 //!
 //! work of tools and supports by the trapezoid, h/2 (v_{n-1/2} + v_{n+1/2}) . lambda_n a point, with
-//! lambda_n = M (v_{n+1/2} - v_{n-1/2})/h - r_n the force that holds a node on its path. At the end of a
+//! lambda_n = M (v_{n+1/2} - v_{n-1/2})/h - r_n the force that holds a node on its path.
 //! With central difference damping is booked by the trapezoid, too. At the end of a
 //! step v_{n+1/2} is not known yet for held nodes; any lambda_n gives the same balance there, and the
 //! one without inertia, -r_n, is used.
@@ -31,7 +32,7 @@ pub struct Account {
     pub support_work: f64,
     /// By damping, and what cuts and attaches lose.
     pub dissipated: f64,
-    /// Net gain of energy by substeps of changing length, booked in `dissipated` with the sign turned.
+    /// Net gain of energy by substeps of changing length, or by Runge-Kutta 4, booked in `dissipated` with the sign turned.
     pub made: f64,
     /// The balance at the start.
     pub start: f64,
@@ -145,7 +146,7 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Energy {
         support_work: state.account.support_work,
         dissipated: state.account.dissipated,
     };
-    if model.scene.integration.scheme == Scheme::CentralDifference {
+    if model.scheme() == Scheme::CentralDifference {
         // The trailing half of what damping takes at this point.
         energy.dissipated += half * state.parameters.damping * sums.lagging;
     }

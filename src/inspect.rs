@@ -9,7 +9,9 @@ use crate::couple::Coupling;
 use crate::model::sweep::{Advance, Motion};
 use crate::model::tensor_mass::Lane;
 use crate::model::{Model, critical_step};
-use crate::scene::ModelKind;
+use crate::scene::{ModelKind, Scheme};
+use crate::state::State;
+use crate::step::{Workspace, advance};
 
 /// Keys as `inspect --json` writes them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -31,9 +33,15 @@ pub struct Inspection {
     pub loaded_nodes: usize,
     pub dynamic_tetrahedra: usize,
     pub connection_nodes: usize,
+    /// Surface nodes of the pre-computed part that tools can touch.
+    pub touchable_nodes: usize,
+    /// What a choice of interface modes changes of the equilibrium, relative to its displacement; `null`: nothing.
+    pub interface_error: Option<f64>,
     /// Scheme to seconds; undamped where the scheme allows it, else at the scene's damping. `null`: no
     /// limit, for the scheme or because nothing can move.
     pub critical_step: BTreeMap<&'static str, Option<f64>>,
+    /// In use.
+    pub scheme: Scheme,
     /// In use \[s\].
     pub substep: f64,
     /// \[1/s\]
@@ -99,6 +107,8 @@ pub fn inspect(model: &Model) -> Inspection {
         loaded_nodes: loaded.len(),
         dynamic_tetrahedra: model.parts.dynamic.iter().filter(|d| **d).count(),
         connection_nodes: model.parts.connection,
+        touchable_nodes: model.parts.touchable,
+        interface_error: crate::reference::interface_error(model).unwrap_or_default(),
         critical_step: BTreeMap::from([
             ("euler", limit(critical_step::euler(omega, damping))),
             (
@@ -109,9 +119,13 @@ pub fn inspect(model: &Model) -> Inspection {
                 "centralDifference",
                 limit(critical_step::central_difference(omega)),
             ),
-            ("rungeKutta4", limit(critical_step::runge_kutta_4(omega))),
+            (
+                "rungeKutta4",
+                limit(critical_step::runge_kutta_4(omega, 0.0)),
+            ),
             ("implicitEuler", None),
         ]),
+        scheme: model.scheme(),
         substep: model.substep(damping),
         damping,
         lowest_frequency: Some(model.spectrum.lowest / std::f64::consts::TAU).filter(|f| *f > 0.0),
@@ -184,35 +198,52 @@ pub fn warnings(model: &Model) -> Vec<String> {
     warnings
 }
 
-/// Median of a few sweeps \[s\].
+/// Median of a few substeps \[s\]; of sweeps alone where the scheme is one sweep a substep.
 fn time_substep(model: &Model) -> f64 {
-    let nodes = model.parts.moving;
-    let zeros = || vec![Lane::default(); nodes];
-    let (mut displacement, mut velocity, mut residual, mut partial) =
-        (zeros(), zeros(), zeros(), zeros());
-    let (external, inverse_mass) = (zeros(), zeros());
-    let mut coupling = Coupling::new(model);
+    let mut run: Box<dyn FnMut()> = if model.is_staggered() {
+        Box::new(sweeping(model))
+    } else {
+        let mut state = State::new(model);
+        let mut work = Workspace::new(model, &state);
+        let h = state.nominal_substep;
+        Box::new(move || {
+            // What it comes to does not matter.
+            let _ = advance(model, &mut state, &mut work, 1, h);
+        })
+    };
     let mut times: Vec<f64> = (0..21)
         .map(|_| {
             let start = Instant::now();
-            coupling.solve(model, &displacement);
-            let mut motion = Motion {
-                displacement: &mut displacement,
-                velocity: &mut velocity,
-                residual: &mut residual,
-                partial: &mut partial,
-                external: &external,
-                inverse_mass: &inverse_mass,
-                mass: &model.whole.mass[..nodes],
-            };
-            model.whole.sweep(
-                model,
-                &mut motion,
-                &Advance::symplectic_euler(1e-3, 1e-3, 1.0),
-            );
+            run();
             start.elapsed().as_secs_f64()
         })
         .collect();
     times.sort_by(f64::total_cmp);
     times[times.len() / 2]
+}
+
+fn sweeping(model: &Model) -> impl FnMut() + '_ {
+    let nodes = model.parts.moving;
+    let zeros = move || vec![Lane::default(); nodes];
+    let (mut displacement, mut velocity, mut residual, mut partial) =
+        (zeros(), zeros(), zeros(), zeros());
+    let (external, inverse_mass) = (zeros(), zeros());
+    let mut coupling = Coupling::new(model);
+    move || {
+        coupling.solve(model, &displacement);
+        let mut motion = Motion {
+            displacement: &mut displacement,
+            velocity: &mut velocity,
+            residual: &mut residual,
+            partial: &mut partial,
+            external: &external,
+            inverse_mass: &inverse_mass,
+            mass: &model.whole.mass[..nodes],
+        };
+        model.whole.sweep(
+            model,
+            &mut motion,
+            &Advance::symplectic_euler(1e-3, 1e-3, 1.0),
+        );
+    }
 }

@@ -14,6 +14,7 @@ pub mod cut;
 pub mod element;
 pub mod energy;
 pub mod inspect;
+mod integrate;
 pub mod law;
 pub mod live;
 pub mod mesh;

@@ -7,8 +7,10 @@ use serde::Serialize;
 use crate::live::LiveMesh;
 use crate::mesh::Vec3;
 use crate::model::Model;
+use crate::model::dense::dot;
+use crate::model::precomputed::Interface;
 use crate::model::tensor_mass::{Pattern, Tensors};
-use crate::statics::{self, StaticsError};
+use crate::statics::{self, Factor, Numbering, StaticsError};
 
 /// Node order and tetrahedra as in the scene's mesh.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -125,6 +127,51 @@ pub fn equilibrium(model: &Model, live: &LiveMesh) -> Result<(Vec<Vec3>, f64), S
     let (pattern, tensors) = assemble(model, live);
     let residual = statics::solve(&pattern, &tensors, &free, &external, &mut u)?;
     Ok((u, residual))
+}
+
+/// By how much reduced interface modes move the equilibrium: difference relative to the displacement of the
+/// moving nodes, both as norms. None with all modes, or where nothing loads the scene.
+///
+/// With u in equilibrium and S_n in the place of S, (K + S_n) d = (S - S_n) u_c.
+pub fn interface_error(model: &Model) -> Result<Option<f64>, StaticsError> {
+    let Some(part) = &model.precomputed else {
+        return Ok(None);
+    };
+    let Interface::Modes { .. } = part.interface else {
+        return Ok(None);
+    };
+    let (u, _) = equilibrium(model, &model.whole)?;
+    let (from, moving) = (model.parts.connected_from(), model.parts.moving);
+    let mut packed: Vec<f64> = u[from..moving]
+        .iter()
+        .flat_map(|u| [u.x, u.y, u.z])
+        .collect();
+    let size = packed.len();
+    packed.resize(size.next_multiple_of(4), 0.0);
+    let mut reduced = packed.clone();
+    part.interface.product(&packed, &mut reduced);
+    let mut right = vec![Vec3::zeros(); moving];
+    for dof in 0..size {
+        let whole = dot(part.whole_interface(dof), &packed[..size]);
+        right[from + dof / 3][dof % 3] = whole - reduced[dof];
+    }
+    let free = (0..moving).map(|i| {
+        let used = model.whole.star_count[i] > 0;
+        model.boundary.free[i].map(|f| f && used)
+    });
+    let numbering = Numbering::new(free);
+    let stiffness = model.stiffness(&model.whole.tensors);
+    let factor = Factor::new(stiffness.entries(), &numbering, None)?;
+    let mut column = vec![0.0; numbering.unknowns()];
+    numbering.gather(&right, &mut column);
+    factor.solve(&mut column);
+    let norm = u[..moving]
+        .iter()
+        .map(|u| u.norm_squared())
+        .sum::<f64>()
+        .sqrt();
+    let off = dot(&column, &column).sqrt();
+    Ok((norm > 0.0).then_some(off / norm))
 }
 
 /// All that is alive in one matrix, whoever computes it in real time.

@@ -255,10 +255,11 @@ impl Simulation {
         }
         self.state.account.dissipated += 0.5 * self.state.clock.lag * change * twice_kinetic;
         self.state.parameters.damping = value;
+        self.state.refactor();
         self.state.nominal_substep = self.model.substep(value);
         if self.state.clock.total == 0 {
             self.state.clock.substep = self.state.nominal_substep;
-            self.state.clock.lag = self.state.nominal_substep;
+            self.state.clock.lag = self.model.lag(self.state.nominal_substep);
         }
         self.forget();
         self.restart_account();

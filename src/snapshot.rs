@@ -11,9 +11,9 @@ use crate::mesh::Vec3;
 use crate::model::tensor_mass::Lane;
 use crate::model::{Fnv, Model};
 use crate::pose::{Line, Pose, PoseInput};
-use crate::state::{Clock, Parameters, State, ToolState};
+use crate::state::{Clock, Factored, Parameters, State, ToolState};
 
-const MAGIC: &[u8; 8] = b"tissueS3";
+const MAGIC: &[u8; 8] = b"tissueS4";
 
 /// Why bytes are not a state of this model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -196,6 +196,8 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
     out.int(state.cuts_done as u64);
     out.int(state.coupling.turn as u64);
     out.reals([state.since_haptic, state.nominal_substep]);
+    out.int(state.factored.removed as u64);
+    out.int(state.factored.spent);
     let mut check = Fnv::default();
     check.write(&out.0);
     out.int(check.0);
@@ -217,6 +219,7 @@ pub fn size(state: &State) -> usize {
         + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1) * state.tools.len()
         + 6
         + 5
+        + 2
         + 2
         + 2
         + 1;
@@ -246,7 +249,7 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     state.clock = Clock {
         anchor,
         substep,
-        lag: substep,
+        lag: model.lag(substep),
         ticks: input.int()?,
         total: input.int()?,
     };
@@ -304,6 +307,10 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     state.cuts_done = input.index(model.cuts.len() + 1)?;
     state.coupling.turn = input.index(model.parts.touchable + 1)?;
     [state.since_haptic, state.nominal_substep] = input.reals()?;
+    state.factored = Factored {
+        removed: input.index(state.live.removed.len() + 1)?,
+        spent: input.int()?,
+    };
     if !input.0.is_empty() {
         return Err(SnapshotError::Damaged);
     }

@@ -19,17 +19,32 @@ pub struct Clock {
     pub ticks: u64,
     /// Length of the present, or last, substep h \[s\].
     pub substep: f64,
-    /// Length of the substep that was last made \[s\]; velocities are half of it behind.
+    /// Length of the substep that was last made \[s\]; velocities are half of it behind. 0 for schemes
+    /// whose velocities are of the same time as displacements.
     pub lag: f64,
     /// Substeps since the start.
     pub total: u64,
 }
 
 impl Clock {
+    /// \[s\] from the start, at the end of the present substep.
+    pub fn next(&self) -> f64 {
+        self.anchor + (self.ticks + 1) as f64 * self.substep
+    }
+
     /// \[s\] from the start.
     pub fn time(&self) -> f64 {
         self.anchor + self.ticks as f64 * self.substep
     }
+}
+
+/// Which factor implicit Euler solves with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Factored {
+    /// How many of the removals it contains.
+    pub removed: usize,
+    /// Iterations that those it lacks have cost.
+    pub spent: u64,
 }
 
 /// What a host may change at any time.
@@ -69,7 +84,7 @@ pub struct State {
     /// u \[m\] a known node. Inside a pre-computed part only of what tools hold is it of now: what is near a
     /// tool is of the last haptic tick, the rest older.
     pub displacement: Vec<Lane>,
-    /// v \[m/s\] a known node, half a substep behind; zero inside unless held by a tool.
+    /// v \[m/s\] a known node, `clock.lag` / 2 behind; zero inside unless held by a tool.
     pub velocity: Vec<Lane>,
     pub live: LiveMesh,
     /// Of the pre-computed part. Follows from the rest.
@@ -91,6 +106,7 @@ pub struct State {
     pub since_haptic: f64,
     /// Substep that steps are divided by \[s\].
     pub nominal_substep: f64,
+    pub factored: Factored,
 }
 
 impl State {
@@ -106,7 +122,7 @@ impl State {
         let mut state = State {
             clock: Clock {
                 substep: nominal_substep,
-                lag: nominal_substep,
+                lag: model.lag(nominal_substep),
                 ..Clock::default()
             },
             displacement: model
@@ -127,6 +143,7 @@ impl State {
             cuts_done: 0,
             since_haptic: f64::INFINITY,
             nominal_substep,
+            factored: Factored::default(),
         };
         state.reserve(model);
         for (k, prescribed) in model.boundary.prescribed.iter().enumerate() {
@@ -190,6 +207,14 @@ impl State {
         self.coupling.solve(model, &self.displacement);
     }
 
+    /// The next factor contains all that is removed by now.
+    pub(crate) fn refactor(&mut self) {
+        self.factored = Factored {
+            removed: self.live.removed.len(),
+            spent: 0,
+        };
+    }
+
     /// After a change of mass or of what holds the node.
     pub fn refresh_node(&mut self, model: &Model, node: usize) {
         self.refresh_inverse_mass(model, node);
@@ -212,9 +237,13 @@ impl State {
 
     /// Gravity and the node's loads at the present time.
     pub fn refresh_external(&mut self, model: &Model, node: usize) {
+        self.refresh_external_at(model, node, self.clock.time());
+    }
+
+    /// The same at another time \[s\].
+    pub(crate) fn refresh_external_at(&mut self, model: &Model, node: usize, time: f64) {
         let mut force = Vec3::from(self.parameters.gravity) * self.live.weight[node];
         if self.live.star_count[node] > 0 {
-            let time = self.clock.time();
             for load in model.boundary.loads_on(node as u32) {
                 force += load.force * ramp(time, load.ramp);
             }
@@ -246,6 +275,7 @@ impl State {
         self.cuts_done = other.cuts_done;
         self.since_haptic = other.since_haptic;
         self.nominal_substep = other.nominal_substep;
+        self.factored = other.factored;
     }
 }
 

@@ -148,6 +148,9 @@ pub fn eigen(size: usize, at: impl Fn(usize, usize) -> f64) -> (Vec<f64>, Vec<f6
     }
 }
 
+/// Scratch of a solution.
+pub struct Room(MemBuffer);
+
 /// Cholesky factor of K + shift M on the unknowns.
 pub struct Factor {
     symbolic: SymbolicCholesky<usize>,
@@ -197,12 +200,17 @@ impl Factor {
                     if i == j && p > q {
                         continue;
                     }
-                    let diagonal = match shifted {
-                        Some((shift, mass)) if p == q => shift * mass[i],
-                        _ => 0.0,
-                    };
                     let (row, column) = (p.max(q) as usize, p.min(q) as usize);
-                    lower.push(Triplet::new(row, column, block[(a, b)] + diagonal));
+                    lower.push(Triplet::new(row, column, block[(a, b)]));
+                }
+            }
+        }
+        // Once a node: its entry may come in parts.
+        if let Some((shift, mass)) = shifted {
+            for (dof, unknown) in numbering.unknown.iter().enumerate() {
+                if let Some(p) = unknown {
+                    let p = *p as usize;
+                    lower.push(Triplet::new(p, p, shift * mass[dof / 3]));
                 }
             }
         }
@@ -260,20 +268,29 @@ impl Factor {
         })
     }
 
+    /// Scratch for [`Factor::solve_with`] of so many right sides at once.
+    pub fn room(&self, count: usize) -> Room {
+        Room(MemBuffer::new(
+            self.symbolic.solve_in_place_scratch::<f64>(count, Par::Seq),
+        ))
+    }
+
     /// Solves in place for right sides stored one after the other.
     pub fn solve(&self, columns: &mut [f64]) {
+        let count = columns.len() / self.size.max(1);
+        self.solve_with(&mut self.room(count), columns);
+    }
+
+    /// The same without allocating.
+    pub fn solve_with(&self, room: &mut Room, columns: &mut [f64]) {
         if self.size == 0 {
             return;
         }
         let count = columns.len() / self.size;
         let factor = LltRef::new(&self.symbolic, &self.values);
-        let mut memory = MemBuffer::new(
-            factor
-                .symbolic()
-                .solve_in_place_scratch::<f64>(count, Par::Seq),
-        );
+        let Room(memory) = room;
         let columns = MatMut::from_column_major_slice_mut(columns, self.size, count);
-        factor.solve_in_place_with_conj(Conj::No, columns, Par::Seq, MemStack::new(&mut memory));
+        factor.solve_in_place_with_conj(Conj::No, columns, Par::Seq, MemStack::new(memory));
     }
 }
 

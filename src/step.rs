@@ -4,14 +4,16 @@ use crate::contact::geometry::Capsule;
 use crate::contact::hold;
 use crate::couple::Before;
 use crate::cut;
-use crate::energy::{Account, inject};
+use crate::energy::Account;
+use crate::integrate::{self, implicit_euler, leapfrog, runge_kutta_4};
 use crate::mesh::Vec3;
-use crate::model::sweep::{Advance, Motion, Sums};
+use crate::model::sweep::Sums;
 use crate::model::tensor_mass::Lane;
 use crate::model::{Model, guyan};
 use crate::pose::Path;
 use crate::scene::{Scheme, ToolKind};
 use crate::state::State;
+use crate::statics::StaticsError;
 
 /// Times the substep is halved before a step is given up.
 const RETRIES: u32 = 4;
@@ -49,19 +51,25 @@ pub enum StepError {
         "the energy balance was {1:.3e} J off at {0} s although the substep was halved {RETRIES} times"
     )]
     Energy(f64, f64),
+    #[error("implicit Euler's equations have no factor: {0}")]
+    Factor(StaticsError),
 }
 
 /// Scratch, reused from step to step.
 #[derive(Debug)]
 pub struct Workspace {
-    residual: Vec<Lane>,
-    partial: Vec<Lane>,
+    pub(crate) residual: Vec<Lane>,
+    pub(crate) partial: Vec<Lane>,
     touched: Vec<(u32, [u32; 3])>,
     candidates: Vec<u32>,
     paths: Vec<Path>,
-    impulse: Vec<Vec3>,
-    before: Before,
-    interface: guyan::Scratch,
+    pub(crate) impulse: Vec<Vec3>,
+    pub(crate) before: Before,
+    pub(crate) interface: guyan::Scratch,
+    pub(crate) stages: runge_kutta_4::Scratch,
+    pub(crate) implicit: implicit_euler::Scratch,
+    /// Of implicit Euler's last solution.
+    pub iterations: u64,
     /// A cautery has touched tissue that it cannot burn.
     pub spared: bool,
     start: State,
@@ -82,6 +90,9 @@ impl Workspace {
             impulse: vec![Vec3::zeros(); tools],
             before: Before::with_room(model),
             interface: guyan::Scratch::new(model),
+            stages: runge_kutta_4::Scratch::new(model),
+            implicit: implicit_euler::Scratch::new(model),
+            iterations: 0,
             spared: false,
             start,
         }
@@ -154,17 +165,17 @@ pub fn critical_substep(model: &Model, state: &State) -> f64 {
     model.critical_step_at(omega, state.parameters.damping)
 }
 
-fn advance(
+/// `n` substeps of `h` \[s\], stable or not, unless the watchdog stops them on the way.
+pub fn advance(
     model: &Model,
     state: &mut State,
     work: &mut Workspace,
     n: u64,
     h: f64,
 ) -> Result<(), StepError> {
-    set_substep(state, h);
-    let central = model.scene.integration.scheme == Scheme::CentralDifference;
-    if central && state.clock.total == 0 {
-        half_step_back(model, state, h);
+    set_substep(model, state, h);
+    if model.scheme() == Scheme::CentralDifference && state.clock.total == 0 {
+        leapfrog::half_step_back(model, state, h);
     }
     work.paths.clear();
     for (k, tool) in state.tools.iter().enumerate() {
@@ -174,7 +185,8 @@ fn advance(
     work.impulse.fill(Vec3::zeros());
     let period = (1.0 + 1e-6) / model.scene.integration.haptic_rate;
     for k in 0..n {
-        update_loads(model, state, &mut work.before, &mut work.impulse);
+        let time = state.clock.time();
+        update_loads(model, state, &mut work.before, &mut work.impulse, time);
         while let Some(scripted) = model.cuts.get(state.cuts_done) {
             if scripted.time > state.clock.time() + 1e-9 * h {
                 break;
@@ -216,43 +228,14 @@ fn advance(
             tool.pose = path.at(k + 1);
         }
         set_targets(model, state, h);
-        let by = model.advance(state.clock.lag, h, state.parameters.damping);
-        inject(model, &state.coupling, &mut work.partial);
-        work.interface.keep(model, state);
-        let moving = model.parts.moving;
-        let mut sums = state.live.sweep(
-            model,
-            &mut Motion {
-                displacement: &mut state.displacement[..moving],
-                velocity: &mut state.velocity[..moving],
-                residual: &mut work.residual,
-                partial: &mut work.partial,
-                external: &state.external[..moving],
-                inverse_mass: &state.inverse_mass[..moving],
-                mass: &state.live.mass[..moving],
-            },
-            &by,
-        );
-        let inside = state.coupling.energy(model);
-        sums.elastic += state.coupling.virial() + 2.0 * inside.elastic;
-        sums.external -= inside.gravity + inside.load;
-        work.interface
-            .advance(model, state, &mut work.residual, &by, &mut sums);
-        let before = state.account;
-        let (sums, trailing) = carry_held(model, state, work, sums, &by);
-        let (behind, ahead) = damped(&sums, state.clock.lag, &by, central);
-        let kinetic = kinetic(&sums, state.clock.lag, h);
-        state.coupling.solve(model, &state.displacement);
-        watch(state, &before, &sums, kinetic, trailing - behind, tick)?;
-        let made = made(&sums, state.clock.lag, h);
-        state.account.made += made;
-        state.account.dissipated += behind + ahead - made;
-        state.clock.lag = h;
+        integrate::substep(model, state, work, h, tick)?;
+        state.clock.lag = model.lag(h);
         state.clock.ticks += 1;
         state.clock.total += 1;
         state.since_haptic += h;
     }
-    update_loads(model, state, &mut work.before, &mut work.impulse);
+    let time = state.clock.time();
+    update_loads(model, state, &mut work.before, &mut work.impulse, time);
     if !state
         .displacement
         .iter()
@@ -270,72 +253,15 @@ fn advance(
     Ok(())
 }
 
-/// v_{n-1/2} lies half of `lag` before this point, v_{n+1/2} half of h behind it:
-/// T_n = v_- . M v_- / 2 + lag/2 v_- . F_n, F_n = M (v_+ - v_-)/kick. v_- . M v_+ / 2 for equal lengths.
-fn kinetic(sums: &Sums, lag: f64, h: f64) -> f64 {
-    0.5 * (sums.lagging + 2.0 * lag / (lag + h) * (sums.kinetic - sums.lagging))
-}
-
-/// Energy gained where the substep changes: (lag - h)/4 F_n . M^-1 F_n kick.
-fn made(sums: &Sums, lag: f64, h: f64) -> f64 {
-    0.5 * (lag - h) / (lag + h) * (sums.damping - 3.0 * sums.kinetic + sums.lagging)
-}
-
-/// What damping takes at this point, trailing and leading half \[J\].
-fn damped(sums: &Sums, lag: f64, by: &Advance, central: bool) -> (f64, f64) {
-    if central {
-        // c M (v_- + v_+)/2 along v_- lag/2 and v_+ h/2.
-        (
-            0.25 * lag * by.damping * (sums.lagging + sums.kinetic),
-            0.25 * by.substep * by.damping * sums.damping,
-        )
-    } else {
-        // c M v_- now and c M v_+ at the end, along the whole of v_+ h.
-        (0.0, 0.5 * by.substep * by.damping * sums.damping)
-    }
-}
-
-/// Central difference is of second order if the velocity before the start is half a substep behind:
-/// v_{-1/2} = -h/2 M^-1 (f_ext - K u). The account's kinetic energy of that is booked.
-fn half_step_back(model: &Model, state: &mut State, h: f64) {
-    for i in 0..model.parts.moving {
-        let internal = state.live.internal_force(model, i, &state.displacement);
-        let force = state.external[i].xyz() - internal + state.coupling.force_on(model, i);
-        for axis in 0..3 {
-            let gain = state.inverse_mass[i].0[axis];
-            state.velocity[i].0[axis] = -0.5 * h * gain * force[axis];
-            state.account.dissipated += 0.125 * h * h * gain * force[axis] * force[axis];
-        }
-    }
-    let Some(guyan) = &model.guyan else {
-        return;
-    };
-    let from = model.parts.connected_from();
-    let mut force = Vec::new();
-    for i in from..model.parts.moving {
-        let mass = state.live.mass[i];
-        for axis in 0..3 {
-            let f = -2.0 * mass / h * state.velocity[i].0[axis];
-            state.account.dissipated -= 0.25 * h * h * 0.5 / mass * f * f;
-            force.push(f);
-        }
-    }
-    let acceleration = guyan.acceleration(&force);
-    for (dof, a) in acceleration.iter().enumerate() {
-        state.velocity[from + dof / 3].0[dof % 3] = -0.5 * h * a;
-        state.account.dissipated += 0.125 * h * h * a * force[dof];
-    }
-}
-
 /// A new substep length, from the present time on.
-fn set_substep(state: &mut State, h: f64) {
+fn set_substep(model: &Model, state: &mut State, h: f64) {
     if h != state.clock.substep {
         state.clock.anchor = state.clock.time();
         state.clock.ticks = 0;
         state.clock.substep = h;
     }
     if state.clock.total == 0 {
-        state.clock.lag = h;
+        state.clock.lag = model.lag(h);
     }
 }
 
@@ -402,9 +328,15 @@ pub(crate) fn gained(
     before.gained(model, &state.coupling, &state.velocity, 2.0 * half)
 }
 
-/// Loads that still grow. What a ramp changes of the potential -f.u counts as work of the supports.
-fn update_loads(model: &Model, state: &mut State, before: &mut Before, impulse: &mut [Vec3]) {
-    let time = state.clock.time();
+/// Loads that still grow, as of a time \[s\]. What a ramp changes of the potential -f.u counts as work of
+/// the supports.
+pub(crate) fn update_loads(
+    model: &Model,
+    state: &mut State,
+    before: &mut Before,
+    impulse: &mut [Vec3],
+    time: f64,
+) {
     before.remember(model, &state.coupling);
     let gravity = state.parameters.gravity;
     if state.coupling.set_amplitudes(model, &gravity, time) {
@@ -422,7 +354,7 @@ fn update_loads(model: &Model, state: &mut State, before: &mut Before, impulse: 
         }
         last = load.node;
         let before = state.external[i].xyz();
-        state.refresh_external(model, i);
+        state.refresh_external_at(model, i, time);
         let middle =
             state.displacement[i].xyz() - state.velocity[i].xyz() * (0.5 * state.clock.lag);
         state.account.support_work -= (state.external[i].xyz() - before).dot(&middle);
@@ -431,7 +363,7 @@ fn update_loads(model: &Model, state: &mut State, before: &mut Before, impulse: 
 
 /// Where held nodes shall be after this substep, tools being there already.
 fn set_targets(model: &Model, state: &mut State, h: f64) {
-    let time = state.clock.anchor + (state.clock.ticks + 1) as f64 * state.clock.substep;
+    let time = state.clock.next();
     for held in &mut state.held {
         let i = held.node as usize;
         held.target = match held.tool {
@@ -442,72 +374,10 @@ fn set_targets(model: &Model, state: &mut State, h: f64) {
     }
 }
 
-/// Moves held nodes to their targets and books impulse and work. Returns the sums with held nodes in,
-/// and the trailing half of the work of tools and supports at this point.
-fn carry_held(
-    model: &Model,
-    state: &mut State,
-    work: &mut Workspace,
-    mut sums: Sums,
-    by: &Advance,
-) -> (Sums, f64) {
-    let mut trailing = 0.0;
-    let (lag, h) = (state.clock.lag, by.substep);
-    let kick = 0.5 * (lag + h);
-    let moving = model.parts.moving;
-    for held in &mut state.held {
-        let i = held.node as usize;
-        if let Some(inside) = i.checked_sub(moving) {
-            let lambda = state.coupling.pressure_on(inside);
-            let (v, v_new) = (state.velocity[i].xyz(), held.velocity);
-            let behind = 0.5 * lag * v.dot(&lambda);
-            trailing += behind;
-            state.account.tool_work += behind + 0.5 * h * v_new.dot(&lambda);
-            work.impulse[held.tool.unwrap_or_default() as usize] -= lambda * kick;
-            held.fresh = false;
-            for axis in (0..3).filter(|a| held.axes[*a]) {
-                state.velocity[i].0[axis] = v_new[axis];
-                state.displacement[i].0[axis] = held.target[axis];
-            }
-            continue;
-        }
-        let mass = state.live.mass[i];
-        let residual = &work.residual[i].0;
-        let mut lambda = Vec3::zeros();
-        let (mut behind, mut ahead, mut jump) = (0.0, 0.0, 0.0);
-        for axis in 0..3 {
-            if !held.axes[axis] {
-                continue;
-            }
-            let (v, v_new) = (state.velocity[i].0[axis], held.velocity[axis]);
-            lambda[axis] = mass * (v_new - v) / by.gain - residual[axis];
-            behind += 0.5 * lag * v * lambda[axis];
-            ahead += 0.5 * h * v_new * lambda[axis];
-            jump += 0.5 * mass * (v_new - v) * (v_new - v);
-            sums.kinetic += mass * v * (v_new - v);
-            sums.damping += mass * (v_new * (v + v_new) - 2.0 * v * v);
-            state.velocity[i].0[axis] = v_new;
-            state.displacement[i].0[axis] = held.target[axis];
-        }
-        trailing += behind;
-        let Some(tool) = held.tool else {
-            state.account.support_work += behind + ahead;
-            continue;
-        };
-        state.account.tool_work += behind + ahead;
-        work.impulse[tool as usize] -= lambda * kick;
-        if std::mem::replace(&mut held.fresh, false) {
-            // The tool's impulse acts at the tool's velocity; what the node does not gain is lost.
-            state.account.tool_work += jump;
-            state.account.dissipated += jump;
-        }
-    }
-    (sums, trailing)
-}
-
 /// Non-finite or running away at once; an energy residual on two haptic ticks running. `before` is the account before
 /// this substep.
-fn watch(
+pub(crate) fn watch(
+    model: &Model,
     state: &mut State,
     before: &Account,
     sums: &Sums,
@@ -527,12 +397,16 @@ fn watch(
             - before.tool_work
             - before.support_work
             - trailing;
-        let residual = balance - before.start;
+        // Explicit Euler's is its own.
+        let residual = match model.scheme() {
+            Scheme::Euler => 0.0,
+            _ => balance - before.start,
+        };
         let booked = before.dissipated.abs() + before.support_work.abs() + sums.external.abs();
         let in_play = elastic + kinetic + before.tool_work.abs();
         let limit = RESIDUAL_LIMIT * in_play.max(RESIDUAL_FLOOR) + ROUND_OFF * booked;
         let moved = in_play + before.support_work.abs() + (before.dissipated + before.made).abs();
-        let grows = before.made > MADE_LIMIT * moved.max(RESIDUAL_FLOOR);
+        let grows = model.is_staggered() && before.made > MADE_LIMIT * moved.max(RESIDUAL_FLOOR);
         let strikes = &mut state.account.strikes;
         *strikes = if residual.abs() > limit || grows {
             *strikes + 1

@@ -209,7 +209,6 @@ fn each_mistake_has_its_line() {
         ("/integration/damping", "2e6", "integration.damping: 2000000.0 is out of range; must be at most 1e6"),
         ("/gravity", "[0, 0, -1e9]", "gravity[2]: -1000000000.0 is out of range; must be from -1e6 to 1e6"),
         ("/mesh", r#"{"box": {"size": [1, 1, 1], "cells": [3000000, 1, 1]}}"#, "mesh.box.cells: too many cells; must be so few that they have at most 10 million corners in all"),
-        ("/integration/scheme", r#""rungeKutta4""#, "integration.scheme: rungeKutta4 is not available in this version; use symplecticEuler or centralDifference"),
         ("/cutting/rule", r#""duplicate""#, "cutting.rule: duplicate is not available in this version; use remove"),
         ("/tearing", r#"{"criterion": "volume", "threshold": 0.3}"#, "tearing: tearing is not available in this version; remove it"),
         ("/mesh", r#"{"file": "liver.vtu"}"#, "mesh.file: the mesh format .vtu is not available in this version; use .msh"),
@@ -421,7 +420,7 @@ fn the_defaults_are_those_of_the_contract() {
             "elasticity": "linear", "form": "perTetrahedron", "adaptive": "blend", "nonlinearThreshold": 0.0,
             "incompressibility": 0.0, "hourglass": 0.3
         },
-        "integration": {"scheme": "symplecticEuler", "hapticRate": 1000.0, "substep": null, "damping": null, "mass": "lumped"},
+        "integration": {"scheme": null, "hapticRate": 1000.0, "substep": null, "damping": null, "mass": "lumped"},
         "cutting": {"rule": "remove", "mass": "removed"}, "cuts": [], "tools": [],
         "outputs": {"vertices": "surface", "causality": "output", "triangles": false}
     });
@@ -680,4 +679,40 @@ fn selectors_that_miss_the_mesh_say_so() {
     );
     let empty = TetMesh::default();
     assert!(select_nodes(&selector(r#"{"all": true}"#), &empty).is_err());
+}
+
+#[test]
+fn schemes_that_cannot_run_are_refused() {
+    let refused = |integration: &str, model: &str| {
+        let text = LEAST.replacen(
+            '{',
+            &format!("{{\"integration\": {integration}, \"model\": {model},"),
+            1,
+        );
+        parse(&text, "plate.json").map_err(|e| e.to_string()).err()
+    };
+    let whole = r#"{"kind": "tensorMass"}"#;
+    let hybrid = r#"{"kind": "hybrid", "dynamic": {"all": true}, "interfaceMass": "guyan"}"#;
+    let euler = r#"{"scheme": "euler", "damping": 0}"#;
+    assert_eq!(
+        refused(euler, whole).as_deref(),
+        Some(
+            "plate.json: integration.damping: is 0, at which euler is unstable at any substep; must be more, or another scheme"
+        )
+    );
+    for scheme in ["euler", "rungeKutta4", "implicitEuler"] {
+        let integration = format!(r#"{{"scheme": "{scheme}", "damping": 1}}"#);
+        assert_eq!(refused(&integration, whole), None);
+        assert_eq!(
+            refused(&integration, hybrid).as_deref(),
+            Some(
+                "plate.json: model.interfaceMass: guyan needs integration.scheme symplecticEuler or centralDifference"
+            )
+        );
+    }
+    for scheme in ["null", "\"symplecticEuler\"", "\"centralDifference\""] {
+        let integration = format!(r#"{{"scheme": {scheme}, "damping": 0}}"#);
+        assert_eq!(refused(&integration, whole), None);
+        assert_eq!(refused(&integration, hybrid), None);
+    }
 }

@@ -21,11 +21,15 @@ fn largest(e: &Energy) -> f64 {
 #[test]
 fn balance_closes_to_round_off_through_press_grasp_cut_and_drop() {
     for scheme in ["symplecticEuler", "centralDifference"] {
-        press_grasp_cut_and_drop(scheme);
+        press_grasp_cut_and_drop(scheme, 1e-11);
     }
+    // Up to the residual of its equations.
+    press_grasp_cut_and_drop("implicitEuler", 1e-9);
+    // But for the last substep.
+    press_grasp_cut_and_drop("rungeKutta4", 1e-3);
 }
 
-fn press_grasp_cut_and_drop(scheme: &str) {
+fn press_grasp_cut_and_drop(scheme: &str, tolerance: f64) {
     let integration = format!(r#""integration": {{"scheme": "{scheme}"}}, "tools""#);
     let mut s = common::simulation(&common::BAR.replace("\"tools\"", &integration));
     let (mut scale, mut touched, mut grasped) = (0.0f64, 0, 0);
@@ -36,8 +40,8 @@ fn press_grasp_cut_and_drop(scheme: &str) {
         scale = scale.max(largest(&energy));
         let residual = energy.balance() - s.state().account.start;
         assert!(
-            residual.abs() < 1e-11 * scale,
-            "{residual:e} J of {scale:e} J at step {k}"
+            residual.abs() < tolerance * scale,
+            "{scheme}: {residual:e} J of {scale:e} J at step {k}"
         );
         touched += u32::from(s.tool(0).in_contact);
         grasped += u32::from(s.tool(1).in_contact);
@@ -53,6 +57,8 @@ fn balance_closes_with_loads_prescribed_nodes_uniform_mass_and_uneven_steps() {
         ("uniform", "removed", "symplecticEuler"),
         ("lumped", "kept", "symplecticEuler"),
         ("lumped", "removed", "centralDifference"),
+        ("lumped", "removed", "implicitEuler"),
+        ("uniform", "kept", "implicitEuler"),
     ] {
         let text = common::BAR.replace(
             "\"tools\"",
@@ -77,8 +83,9 @@ fn balance_closes_with_loads_prescribed_nodes_uniform_mass_and_uneven_steps() {
             scale = scale.max(largest(&energy));
             let residual = energy.balance() - s.state().account.start;
             assert!(
-                residual.abs() < 1e-11 * scale,
-                "{residual:e} J of {scale:e} J at step {k}"
+                residual.abs() < 1e-11 * scale
+                    || scheme == "implicitEuler" && residual.abs() < 1e-9 * scale,
+                "{scheme}: {residual:e} J of {scale:e} J at step {k}"
             );
         }
         assert!(s.state().live.removed.len() > 2 && s.energy().support_work != 0.0);

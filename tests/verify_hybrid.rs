@@ -62,6 +62,11 @@ const MORE: &str = r#""loads": [
       {"where": {"box": {"min": [0.0199, 0, 0], "max": [0.0201, 0.001, 0.001]}}, "displacement": [0.001, null, 0.0005], "ramp": 0.2},
       {"where": {"box": {"min": [0.0799, 0, 0], "max": [0.0801, 0.001, 0.001]}}, "displacement": [null, 0.0005, null]}],"#;
 
+fn with_scheme(text: &str, scheme: &str) -> String {
+    let head = format!("{{ \"integration\": {{\"scheme\": \"{scheme}\"}},");
+    text.replacen('{', &head, 1)
+}
+
 fn with_fibre(text: &str) -> String {
     let fibre =
         r#""density": 1000, "fibre": {"direction": [1, 1, 0], "lambda": 600000, "mu": 400000}"#;
@@ -72,10 +77,11 @@ fn with_fibre(text: &str) -> String {
 
 #[test]
 fn at_rest_every_split_is_the_whole() {
-    for model in SPLITS.iter().chain([&STATIC]) {
+    for (k, model) in SPLITS.iter().chain([&STATIC]).enumerate() {
         for more in ["", MORE] {
+            let scheme = ["symplecticEuler", "implicitEuler", "centralDifference"][k % 3];
             let text = with_fibre(&bar(model, more).replace("equilibrium", "rest"));
-            let mut s = common::simulation(&text);
+            let mut s = common::simulation(&with_scheme(&text, scheme));
             settle(&mut s, 3000);
             let reference = tissue::reference::solve(s.model(), false).unwrap();
             let truth: Vec<Vec3> = reference.displacement.iter().map(|u| (*u).into()).collect();
@@ -154,10 +160,13 @@ fn the_account_closes_whatever_happens() {
         for (start, scheme) in [
             ("rest", "symplecticEuler"),
             ("equilibrium", "centralDifference"),
+            ("rest", "implicitEuler"),
         ] {
+            if scheme == "implicitEuler" && model == guyan {
+                continue;
+            }
             let text = bar(model, MORE).replace("equilibrium", start);
-            let scheme = format!("{{ \"integration\": {{\"scheme\": \"{scheme}\"}},");
-            let mut s = common::simulation(&text.replacen('{', &scheme, 1));
+            let mut s = common::simulation(&with_scheme(&text, scheme));
             let (mut worst, mut size) = (0.0f64, 0.0f64);
             let mut spent = 0.0f64;
             for k in 0..1200 {

@@ -111,3 +111,17 @@ fn a_scene_that_is_held_all_over_runs() {
     let inspection = tissue::inspect::inspect(s.model());
     assert_eq!(inspection.critical_step["symplecticEuler"], None);
 }
+
+/// Without damping explicit Euler has no stable substep, and says so.
+#[test]
+fn explicit_euler_without_damping_is_refused() {
+    let mut s = common::simulation(&common::bar_with("euler"));
+    s.step(1e-4).unwrap();
+    s.set_damping(0.0);
+    assert_eq!(s.critical_substep(), 0.0);
+    let before = s.save();
+    assert!(matches!(s.step(1e-4), Err(StepError::Unstable(..))));
+    assert!(s.state() == &before);
+    s.set_damping(1000.0);
+    s.step(1e-4).unwrap();
+}

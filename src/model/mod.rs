@@ -23,8 +23,8 @@ use crate::mesh::check::MeshReport;
 use crate::mesh::topology::{Face, NONE, Topology};
 use crate::mesh::{self, MeshError, TetMesh, Vec3};
 use crate::scene::{
-    CutMass, InterfaceMass, Mass, ModelKind, OutputVertices, Scene, SceneError, Scheme, Selector,
-    Start, ToolKind, select_tetrahedra,
+    CutMass, EULER_UNDAMPED, InterfaceMass, Mass, ModelKind, OutputVertices, Scene, SceneError,
+    Scheme, Selector, Start, ToolKind, select_tetrahedra,
 };
 use crate::statics::StaticsError;
 use boundary::Boundary;
@@ -42,11 +42,18 @@ use tensor_mass::{Pattern, Tensors};
 /// Share of the guaranteed critical step that a chosen substep may use.
 pub const STEP_MARGIN: f64 = 0.9;
 
-/// Share of the mesh's own critical step that it may use. Hosts change their communication step, and
+/// Share of the mesh's own critical step that it may use where velocities are half a step behind. Hosts change their communication step, and
 /// with it the substep: two lengths a, b in turn feed a mode where
 /// (omega a + omega b)² - (omega a omega b)² > 4, far below the critical step; at half of it no pattern
 /// of two does.
 pub const UNEVEN_STEP_MARGIN: f64 = 0.5;
+
+/// Sweeps over the tensors that one substep of implicit Euler costs (30 to 50 up to some 2 000 nodes). Where symplectic Euler needs more
+/// of them in a haptic period, implicit Euler is the default.
+const IMPLICIT_SWEEPS: f64 = 40.0;
+
+/// The same where tissue can be cut: a new factor costs as much as 300 to 900 sweeps, at a bad moment.
+const IMPLICIT_SWEEPS_CUT: f64 = 100.0;
 
 /// Meshes of up to so many nodes are factored for their lowest frequency (some tenths of a GB); larger
 /// ones are iterated on.
@@ -125,6 +132,7 @@ pub struct Model {
     /// The mesh before any cut.
     pub whole: LiveMesh,
     pub spectrum: Spectrum,
+    scheme: Scheme,
     /// Rigid motions that nothing holds, over all pieces.
     pub rigid_modes: usize,
     /// By time.
@@ -234,6 +242,7 @@ impl Model {
                 highest: 0.0,
                 element_bound: 0.0,
             },
+            scheme: Scheme::SymplecticEuler,
             rigid_modes: 0,
             cuts,
             surface_nodes: Vec::new(),
@@ -261,6 +270,7 @@ impl Model {
             Some(spectrum) => spectrum,
             None => model.compute_spectrum()?,
         };
+        model.scheme = model.choose_scheme()?;
         model.start_displacement = model.displacement_at_start()?;
         Ok(model)
     }
@@ -471,6 +481,60 @@ impl Model {
             .unwrap_or(DAMPING_IN_LOWEST_FREQUENCIES * self.spectrum.lowest)
     }
 
+    /// The scheme in use.
+    pub fn scheme(&self) -> Scheme {
+        self.scheme
+    }
+
+    /// The scene's, or the cheapest that is stable.
+    fn choose_scheme(&self) -> Result<Scheme, SceneError> {
+        if self.parts.moving == 0 {
+            // Nothing is integrated.
+            return Ok(Scheme::SymplecticEuler);
+        }
+        let integration = &self.scene.integration;
+        match integration.scheme {
+            Some(Scheme::Euler) if self.damping() == 0.0 && self.spectrum.highest > 0.0 => {
+                let path = "integration.damping";
+                Err(SceneError::at(&self.file, path, EULER_UNDAMPED))
+            }
+            Some(scheme) => Ok(scheme),
+            // Who gives a substep asks for what takes it.
+            None if integration.substep.is_some()
+                || self.has_guyan_mass()
+                || self.scene.model.kind == ModelKind::SpringMass =>
+            {
+                Ok(Scheme::SymplecticEuler)
+            }
+            None => {
+                let sweeps = self.substeps_in_period(Scheme::SymplecticEuler, self.damping());
+                let most = if self.can_be_cut() {
+                    IMPLICIT_SWEEPS_CUT
+                } else {
+                    IMPLICIT_SWEEPS
+                };
+                Ok(if sweeps > most {
+                    Scheme::ImplicitEuler
+                } else {
+                    Scheme::SymplecticEuler
+                })
+            }
+        }
+    }
+
+    /// Whether velocities live half a substep behind.
+    pub fn is_staggered(&self) -> bool {
+        matches!(
+            self.scheme,
+            Scheme::SymplecticEuler | Scheme::CentralDifference
+        )
+    }
+
+    /// What `Clock::lag` is after a substep of length `h` \[s\].
+    pub(crate) fn lag(&self, h: f64) -> f64 {
+        if self.is_staggered() { h } else { 0.0 }
+    }
+
     /// Largest stable substep \[s\] at a damping \[1/s\].
     pub fn critical_step(&self, damping: f64) -> f64 {
         self.critical_step_at(self.limiting_frequency(), damping)
@@ -478,24 +542,20 @@ impl Model {
 
     /// The same for a mesh of another highest angular frequency \[1/s\].
     pub(crate) fn critical_step_at(&self, omega: f64, damping: f64) -> f64 {
-        match self.scene.integration.scheme {
-            Scheme::CentralDifference => critical_step::central_difference(omega),
-            _ => critical_step::symplectic_euler(omega, damping),
-        }
+        critical_step::of(self.scheme, omega, damping)
     }
 
-    /// The part of damping \[1/s\] that acts on the lagging velocity alone: none of central
-    /// difference's.
+    /// The part of damping \[1/s\] that acts on the lagging velocity alone: all of symplectic Euler's.
     pub(crate) fn lagging_damping(&self, damping: f64) -> f64 {
-        match self.scene.integration.scheme {
-            Scheme::CentralDifference => 0.0,
-            _ => damping,
+        match self.scheme {
+            Scheme::SymplecticEuler => damping,
+            _ => 0.0,
         }
     }
 
-    /// One substep by the scene's scheme after one of length `before` \[s\].
+    /// One substep by a staggered scheme after one of length `before` \[s\].
     pub(crate) fn advance(&self, before: f64, substep: f64, damping: f64) -> Advance {
-        match self.scene.integration.scheme {
+        match self.scheme {
             Scheme::CentralDifference => Advance::central_difference(before, substep, damping),
             _ => Advance::symplectic_euler(before, substep, damping),
         }
@@ -505,13 +565,23 @@ impl Model {
     /// margins \[s\].
     pub fn substep(&self, damping: f64) -> f64 {
         let period = 1.0 / self.scene.integration.haptic_rate;
-        let own = self.critical_step_at(self.spectrum.highest, damping);
-        let limit = (STEP_MARGIN * self.critical_step(damping)).min(UNEVEN_STEP_MARGIN * own);
         let parts = match self.scene.integration.substep {
-            Some(substep) => (period / substep).round(),
-            None => (period / limit - 1e-9).ceil(),
+            Some(substep) => (period / substep).round().max(1.0),
+            None => self.substeps_in_period(self.scheme, damping),
         };
-        period / parts.max(1.0)
+        period / parts
+    }
+
+    /// In a haptic period, chosen by a scheme's margins.
+    fn substeps_in_period(&self, scheme: Scheme, damping: f64) -> f64 {
+        let period = 1.0 / self.scene.integration.haptic_rate;
+        let critical = |omega: f64| critical_step::of(scheme, omega, damping);
+        let mut limit = STEP_MARGIN * critical(self.limiting_frequency());
+        if matches!(scheme, Scheme::SymplecticEuler | Scheme::CentralDifference) {
+            limit = limit.min(UNEVEN_STEP_MARGIN * critical(self.spectrum.highest));
+        }
+        // Some number even where no substep is stable.
+        (period / limit - 1e-9).ceil().clamp(1.0, 1e9)
     }
 
     /// By scene number, a moving node before its copy.

@@ -237,6 +237,12 @@ impl Precomputed {
         })
     }
 
+    /// Row of S as computed, whatever the interface in use.
+    pub fn whole_interface(&self, dof: usize) -> &[f64] {
+        let size = 3 * self.connection;
+        &self.numbers[dof * size..(dof + 1) * size]
+    }
+
     pub fn numbers(&self) -> &[f64] {
         &self.numbers
     }

@@ -14,5 +14,6 @@ mod types;
 
 pub use error::SceneError;
 pub use parse::{MOST_DAMPING, MOST_GRAVITY, parse, read, schema};
+pub use refuse::EULER_UNDAMPED;
 pub use select::{select_nodes, select_tetrahedra};
 pub use types::*;

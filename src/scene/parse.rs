@@ -425,7 +425,7 @@ fn integration(node: &Node) -> Result<Integration> {
         n.number_in("from 1 to 100000", |x| (1.0..=1e5).contains(&x))
     })?;
     Ok(Integration {
-        scheme: scheme.or(default.scheme, Node::choice)?,
+        scheme: scheme.maybe(Node::choice)?,
         haptic_rate: rate,
         substep: substep.maybe(|n| whole_divisor(n, 1.0 / rate))?,
         damping: damping.maybe(|n| {

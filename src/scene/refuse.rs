@@ -8,14 +8,10 @@ use super::types::*;
 
 /// `PATH: WHAT is not available in this version; INSTEAD` for the first such thing.
 pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
-    let (model, integration) = (&scene.model, &scene.integration);
+    let model = &scene.model;
     let averaged = matches!(
         model.element,
         Some(Element::NodalPressure | Element::NodalAveraged)
-    );
-    let scheme = !matches!(
-        integration.scheme,
-        Scheme::SymplecticEuler | Scheme::CentralDifference
     );
     let format = match &scene.mesh {
         MeshSource::File { file, .. } => extension(file),
@@ -33,7 +29,6 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
         (model.nonlinear_threshold != 0.0, text("model.nonlinearThreshold"), text("a non-linear threshold"), "use 0"),
         (model.incompressibility != 0.0, text("model.incompressibility"), text("a volume penalty"), "use 0"),
         (averaged, text("model.element"), word(&model.element), "use constantStrain"),
-        (scheme, text("integration.scheme"), word(&integration.scheme), "use symplecticEuler or centralDifference"),
         (scene.cutting.rule != CutRule::Remove, text("cutting.rule"), word(&scene.cutting.rule), "use remove"),
         (scene.tearing.is_some(), text("tearing"), text("tearing"), "remove it"),
         (!format.eq_ignore_ascii_case("msh"), text("mesh.file"), format!("the mesh format .{format}"), "use .msh"),
@@ -51,6 +46,7 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
             (slips, path("slipForce"), text("a slip force"), "use null"),
         ]);
     }
+    unsuited(scene)?;
     match table.into_iter().find(|(refused, ..)| *refused) {
         None => Ok(()),
         Some((_, path, what, instead)) => {
@@ -59,6 +55,38 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
         }
     }
 }
+
+/// What a scheme cannot do at all.
+fn unsuited(scene: &Scene) -> Result<(), SceneError> {
+    let scheme = scene.integration.scheme;
+    let staggered = matches!(
+        scheme,
+        None | Some(Scheme::SymplecticEuler | Scheme::CentralDifference)
+    );
+    if scene.model.interface_mass == InterfaceMass::Guyan && !staggered {
+        return Err(SceneError::at(
+            "",
+            "model.interfaceMass",
+            "guyan needs integration.scheme symplecticEuler or centralDifference",
+        ));
+    }
+    if scene.model.kind == ModelKind::SpringMass && scheme == Some(Scheme::ImplicitEuler) {
+        // Its factor is that of a matrix that does not change.
+        return Err(SceneError::at(
+            "",
+            "integration.scheme",
+            "implicitEuler needs a linear model; springMass must have another scheme",
+        ));
+    }
+    if scheme == Some(Scheme::Euler) && scene.integration.damping == Some(0.0) {
+        return Err(SceneError::at("", "integration.damping", EULER_UNDAMPED));
+    }
+    Ok(())
+}
+
+/// Explicit Euler has no stable substep then.
+pub const EULER_UNDAMPED: &str =
+    "is 0, at which euler is unstable at any substep; must be more, or another scheme";
 
 /// As the scene file spells it.
 fn word(value: &impl Serialize) -> String {

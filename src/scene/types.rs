@@ -453,8 +453,9 @@ pub enum Element {
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 #[serde(rename_all = "camelCase", default, deny_unknown_fields)]
 pub struct Integration {
-    /// Default `symplecticEuler`.
-    pub scheme: Scheme,
+    /// `null`: the cheapest that is stable, `symplecticEuler` unless its substeps in a haptic period cost
+    /// more than a solution of `implicitEuler`.
+    pub scheme: Option<Scheme>,
     /// Hz, 1 to 100 000; contact forces are computed at this rate or faster. Default 1000.
     #[schemars(extend("minimum" = 1, "maximum" = 100_000))]
     pub haptic_rate: f64,
@@ -471,7 +472,7 @@ pub struct Integration {
 impl Default for Integration {
     fn default() -> Self {
         Self {
-            scheme: Scheme::SymplecticEuler,
+            scheme: None,
             haptic_rate: 1000.0,
             substep: None,
             damping: None,
@@ -481,19 +482,18 @@ impl Default for Integration {
 }
 
 /// Time integration scheme.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "camelCase")]
 pub enum Scheme {
-    /// Velocity first, then position. The default.
-    #[default]
+    /// Velocity first, then position.
     SymplecticEuler,
-    /// Explicit.
+    /// Explicit; needs damping.
     Euler,
     /// Explicit, fourth order.
     RungeKutta4,
     /// Explicit, second order.
     CentralDifference,
-    /// Unconditionally stable for linear elasticity.
+    /// Linearly implicit, stable at any substep; one sparse solution each.
     ImplicitEuler,
 }
 

@@ -31,6 +31,18 @@ pub const BAR: &str = r#"{
   "outputs": {"triangles": true}
 }"#;
 
+/// [`BAR`] with another scheme: softer and damped for explicit Euler, which would take a microsecond at a
+/// time.
+pub fn bar_with(scheme: &str) -> String {
+    let (more, young_modulus) = match scheme {
+        "euler" => (r#", "damping": 1000"#, "50000"),
+        _ => ("", "500000"),
+    };
+    let integration = format!(r#""integration": {{"scheme": "{scheme}"{more}}}, "tools""#);
+    BAR.replace("500000", young_modulus)
+        .replace("\"tools\"", &integration)
+}
+
 /// Poses and switches of [`BAR`]'s tools at a time: settle, press and lift, grasp and pull, cut off, drop.
 pub fn script(simulation: &mut Simulation, time: f64) {
     let ramp = |from: f64, to: f64| ((time - from) / (to - from)).clamp(0.0, 1.0);

@@ -39,6 +39,17 @@ pub fn run(path: &Path, json: bool) -> Result<(), Error> {
             share.mass
         ));
     }
+    if i.dynamic_tetrahedra < i.tetrahedra {
+        lines.push(format!(
+            "  parts        {} tetrahedra dynamic, the rest pre-computed; {} connection nodes, {} touchable",
+            i.dynamic_tetrahedra, i.connection_nodes, i.touchable_nodes
+        ));
+    }
+    if let Some(error) = i.interface_error {
+        lines.push(format!(
+            "  interface    its modes move the equilibrium by {error:.1e}"
+        ));
+    }
     lines.push(format!(
         "  boundary     {} nodes fixed, {} prescribed, {} loaded",
         i.fixed_nodes, i.prescribed_nodes, i.loaded_nodes
@@ -51,6 +62,8 @@ pub fn run(path: &Path, json: bool) -> Result<(), Error> {
         let step = step.map_or("none".to_string(), |s| format!("{:.4} ms", 1e3 * s));
         lines.push(format!("  critical     {scheme:<18} {step}"));
     }
+    let scheme = serde_json::to_string(&i.scheme).unwrap_or_default();
+    lines.push(format!("  scheme       {}", scheme.trim_matches('"')));
     lines.push(format!(
         "  substep      {:.4} ms, about {:.1} us each here, without contact",
         1e3 * i.substep,

@@ -1,0 +1,409 @@
+//! Linearly implicit Euler (Baraff and Witkin 1998): forces at the end of the substep,
+//!
+//! M (v_+ - v) = h (f_+ - K u_+ - c M v_+),  u_+ = u + h v_+.
+//!
+//! With A = K + (1 + c h)/h² M and the force r* at u* = u + h v, v, the change of velocity x solves A x = r*/h
+//! on what is free. Stable at any h; of first order, and fast modes are damped, which is booked:
+//!
+//! E_+ - E = -|v_+ - v|_M²/2 - |u_+ - u|_K²/2 - h c |v_+|_M² + h lambda_+ . v_+
+//!
+//! The solver is conjugate gradients. Its preconditioner is a Cholesky factor of A of the tissue as it was at
+//! some removal, bordered by what tools hold: C x = 0 for moving nodes, and for held nodes inside the
+//! pre-computed part the answer of their pressure, so that
+//!
+//! z = A^-1 (r + C^T mu),  (C A^-1 C^T + D) mu = -C A^-1 r,
+//!
+//! rows of C unit vectors (D = 0) or influences Phi_t (D = G_tt). While the factor is that of the tissue as it
+//! is, this is the solution, found in one iteration. Each cut makes it an approximation; once the extra
+//! iterations have cost as much as a factor, there is a new one. Which removals a factor contains is part of
+//! the state, so that results do not depend on when a process began.
+
+use super::{book, evaluate, place_held, take_velocity};
+use crate::energy::inject;
+use crate::mesh::topology::NONE;
+use crate::model::Model;
+use crate::model::dense::{Packed, add_scaled, dot};
+use crate::model::precomputed::Precomputed;
+use crate::model::sweep::{Advance, Motion, sweep};
+use crate::model::tensor_mass::Lane;
+use crate::scene::Scheme;
+use crate::state::State;
+use crate::statics::{Factor, Numbering, Room, StaticsError};
+use crate::step::{StepError, Workspace, update_loads, watch};
+
+/// Residual of the solution relative to the right side.
+const TOLERANCE: f64 = 1e-11;
+/// Iterations before what is there must do.
+const MOST_ITERATIONS: u64 = 500;
+/// Iterations after which a new factor is worth what it costs: as much as 8 to 18 of them, and all at once.
+const RENEWAL: u64 = 20;
+/// Held degrees of freedom there is room for without allocating.
+const ROOM: usize = 384;
+
+/// What a factor was made of.
+#[derive(Debug, Default, PartialEq)]
+struct Key {
+    substep: f64,
+    damping: f64,
+    removed: Vec<u32>,
+}
+
+/// Empty with other schemes.
+#[derive(Default)]
+pub(crate) struct Scratch {
+    numbering: Option<Numbering>,
+    /// 3 node + axis of each unknown.
+    dof: Vec<u32>,
+    /// Unknown of each 3 node + axis, or [`NONE`].
+    unknown: Vec<u32>,
+    key: Key,
+    factor: Option<(Factor, Room)>,
+    /// Held degrees of freedom, 3 node + axis; A^-1 of their rows of C; the factor of C A^-1 C^T + D.
+    held: Vec<u32>,
+    columns: Vec<f64>,
+    border: Packed,
+    push: Vec<f64>,
+    /// Conjugate gradients, an unknown each.
+    residual: Vec<f64>,
+    correction: Vec<f64>,
+    direction: Vec<f64>,
+    product: Vec<f64>,
+    solution: Vec<f64>,
+    /// A moving node each.
+    swept: Vec<Lane>,
+    still: Vec<Lane>,
+    unloaded: Vec<Lane>,
+    /// f - K u and the pressures of what is held inside, at the start of the substep.
+    start: Vec<Lane>,
+    pressure: Vec<f64>,
+}
+
+impl std::fmt::Debug for Scratch {
+    fn fmt(&self, out: &mut std::fmt::Formatter) -> std::fmt::Result {
+        out.debug_struct("Scratch").field("key", &self.key).finish()
+    }
+}
+
+impl Scratch {
+    pub fn new(model: &Model) -> Scratch {
+        if model.scheme() != Scheme::ImplicitEuler {
+            return Scratch::default();
+        }
+        let moving = model.parts.moving;
+        let free = |i: usize| model.boundary.free[i].map(|f| f && model.whole.mass[i] > 0.0);
+        let dof: Vec<u32> = (0..3 * moving)
+            .filter(|dof| free(dof / 3)[dof % 3])
+            .map(|dof| dof as u32)
+            .collect();
+        let mut unknown = vec![NONE; 3 * moving];
+        for (k, dof) in dof.iter().enumerate() {
+            unknown[*dof as usize] = k as u32;
+        }
+        let numbers = || vec![0.0; dof.len()];
+        let lanes = || vec![Lane::default(); moving];
+        let mut border = Packed::default();
+        border.reserve(ROOM);
+        Scratch {
+            numbering: Some(Numbering::new((0..moving).map(free))),
+            key: Key {
+                removed: Vec::with_capacity(model.mesh.tetrahedra.len()),
+                ..Key::default()
+            },
+            factor: None,
+            held: Vec::with_capacity(ROOM),
+            // Only taken from the system as tools take hold.
+            columns: Vec::with_capacity(ROOM * dof.len()),
+            border,
+            push: Vec::with_capacity(ROOM),
+            residual: numbers(),
+            correction: numbers(),
+            direction: numbers(),
+            product: numbers(),
+            solution: numbers(),
+            swept: lanes(),
+            still: lanes(),
+            unloaded: lanes(),
+            start: lanes(),
+            pressure: Vec::with_capacity(ROOM),
+            unknown,
+            dof,
+        }
+    }
+
+    /// Makes the factor that the state asks for, unless it is there.
+    fn factorise(&mut self, model: &Model, state: &State, h: f64) -> Result<(), StaticsError> {
+        let damping = state.parameters.damping;
+        let removed = &state.live.removed[..state.factored.removed];
+        let Some(numbering) = &self.numbering else {
+            return Ok(());
+        };
+        let is_there = self.factor.is_some()
+            && (self.key.substep, self.key.damping) == (h, damping)
+            && self.key.removed == removed;
+        if is_there {
+            return Ok(());
+        }
+        self.factor = None;
+        let mut then = None;
+        if removed.len() < state.live.removed.len() {
+            let live = then.insert(model.whole.clone());
+            removed.iter().for_each(|t| {
+                live.remove(model, *t);
+            });
+        }
+        let live = then.as_ref().unwrap_or(&state.live);
+        // What tissue has left altogether stays an unknown, alone.
+        let mass: Vec<f64> = (live.mass.iter().zip(&model.whole.mass))
+            .take(model.parts.moving)
+            .map(|(now, whole)| if *now > 0.0 { *now } else { *whole })
+            .collect();
+        let shift = (1.0 + damping * h) / (h * h);
+        let entries = model.stiffness(&live.tensors).entries();
+        let factor = Factor::new(entries, numbering, Some((shift, &mass)))?;
+        let room = factor.room(1);
+        self.factor = Some((factor, room));
+        self.key.substep = h;
+        self.key.damping = damping;
+        self.key.removed.clear();
+        self.key.removed.extend_from_slice(removed);
+        self.held.clear();
+        self.columns.clear();
+        self.border.truncate(0);
+        Ok(())
+    }
+
+    /// Borders the factor by what tools hold.
+    fn take_hold(&mut self, model: &Model, state: &State) {
+        let Some((factor, room)) = &mut self.factor else {
+            return;
+        };
+        let dofs = || {
+            let held = state.held.iter().filter(|h| h.tool.is_some());
+            held.flat_map(|h| {
+                let axes = (0..3).filter(|a| h.axes[*a]);
+                axes.map(move |a| 3 * h.node + a as u32)
+            })
+        };
+        let same = dofs().zip(&self.held).take_while(|(a, b)| a == *b).count();
+        let size = self.dof.len();
+        self.held.truncate(same);
+        self.columns.truncate(same * size);
+        self.border.truncate(same);
+        let part = model.precomputed.as_ref();
+        let inside = |dof: u32| (dof as usize).checked_sub(3 * model.parts.moving);
+        for dof in dofs().skip(same) {
+            let row = self.held.len();
+            self.columns.resize((row + 1) * size, 0.0);
+            let column = &mut self.columns[row * size..];
+            constraint(model, part, &self.unknown, dof, |k, c| column[k] = c);
+            factor.solve_with(room, column);
+            self.held.push(dof);
+            let (held, columns, unknown) = (&self.held, &self.columns, &self.unknown);
+            self.border.push(row, |k| {
+                let mut sum = 0.0;
+                let column = &columns[k * size..(k + 1) * size];
+                constraint(model, part, unknown, dof, |k, c| sum += c * column[k]);
+                if let (Some(part), Some(own), Some(other)) = (part, inside(dof), inside(held[k])) {
+                    sum += part.compliance(own)[other];
+                }
+                sum
+            });
+        }
+    }
+
+    /// z from r: the bordered factor on what is free now.
+    fn precondition(&mut self, model: &Model, state: &State) {
+        let Some((factor, room)) = &mut self.factor else {
+            return;
+        };
+        self.correction.copy_from_slice(&self.residual);
+        factor.solve_with(room, &mut self.correction);
+        let part = model.precomputed.as_ref();
+        self.push.clear();
+        for dof in &self.held {
+            let mut sum = 0.0;
+            let z = &self.correction;
+            constraint(model, part, &self.unknown, *dof, |k, c| sum += c * z[k]);
+            self.push.push(-sum);
+        }
+        self.border.solve(&mut self.push);
+        for (push, column) in self
+            .push
+            .iter()
+            .zip(self.columns.chunks(self.dof.len().max(1)))
+        {
+            add_scaled(&mut self.correction, *push, column);
+        }
+        for (z, dof) in self.correction.iter_mut().zip(&self.dof) {
+            if !moves(state, *dof) {
+                *z = 0.0;
+            }
+        }
+    }
+}
+
+/// Entries of a held degree of freedom's row of C, by unknown.
+fn constraint(
+    model: &Model,
+    part: Option<&Precomputed>,
+    unknown: &[u32],
+    dof: u32,
+    mut each: impl FnMut(usize, f64),
+) {
+    let moving = 3 * model.parts.moving;
+    match (dof as usize).checked_sub(moving) {
+        None => each(unknown[dof as usize] as usize, 1.0),
+        Some(inside) => {
+            let from = 3 * model.parts.connected_from();
+            let row = part.map_or(&[][..], |part| part.influence(inside));
+            for (unknown, c) in unknown[from..].iter().zip(row) {
+                if *unknown != NONE {
+                    each(*unknown as usize, *c);
+                }
+            }
+        }
+    }
+}
+
+fn moves(state: &State, dof: u32) -> bool {
+    state.inverse_mass[dof as usize / 3].0[dof as usize % 3] > 0.0
+}
+
+pub(super) fn substep(
+    model: &Model,
+    state: &mut State,
+    work: &mut Workspace,
+    h: f64,
+    tick: bool,
+) -> Result<(), StepError> {
+    let time = state.clock.next();
+    update_loads(model, state, &mut work.before, &mut work.impulse, time);
+    take_velocity(model, state, &mut work.impulse);
+    if state.factored.spent >= RENEWAL {
+        state.refactor();
+    }
+    work.implicit
+        .factorise(model, state, h)
+        .map_err(StepError::Factor)?;
+    work.implicit.take_hold(model, state);
+
+    let before = state.account;
+    let sums = evaluate(model, state, work, 0.0);
+    watch(model, state, &before, &sums, 0.5 * sums.kinetic, 0.0, tick)?;
+    work.implicit.start.copy_from_slice(&work.residual);
+    work.implicit.pressure.clone_from(&state.coupling.pressure);
+
+    // With velocities as they are.
+    for i in 0..model.parts.moving {
+        for axis in 0..3 {
+            state.displacement[i].0[axis] += h * state.velocity[i].0[axis];
+        }
+    }
+    place_held(state, 1.0, h);
+    evaluate(model, state, work, state.parameters.damping);
+    work.iterations = solve(model, state, work, h);
+    if state.factored.removed < state.live.removed.len() {
+        state.factored.spent += work.iterations.saturating_sub(1);
+    }
+    let mut twice_lost = 0.0;
+    for (dof, x) in work.implicit.dof.iter().zip(&work.implicit.solution) {
+        let (i, axis) = (*dof as usize / 3, *dof as usize % 3);
+        state.velocity[i].0[axis] += x;
+        state.displacement[i].0[axis] += h * x;
+        twice_lost += state.live.mass[i] * x * x;
+    }
+
+    let sums = evaluate(model, state, work, state.parameters.damping);
+    book(model, state, work, &sums, h);
+    // |u_+ - u|_K² from the forces at both ends.
+    let mut power = -state.parameters.damping * sums.kinetic;
+    for i in 0..model.parts.moving {
+        let change = work.implicit.start[i].xyz() - work.residual[i].xyz();
+        power += state.velocity[i].xyz().dot(&change);
+    }
+    for (held, axis, k) in inside_held(model, state) {
+        let change = state.coupling.pressure[k] - work.implicit.pressure[k];
+        power += held.velocity[axis] * change;
+    }
+    state.account.dissipated += 0.5 * (twice_lost + h * power);
+    Ok(())
+}
+
+/// What is held inside the pre-computed part: axis by axis, in the order of its pressures.
+fn inside_held<'a>(
+    model: &'a Model,
+    state: &'a State,
+) -> impl Iterator<Item = (&'a crate::contact::hold::Held, usize, usize)> {
+    let moving = model.parts.moving;
+    let inside = (state.held.iter()).filter(move |h| h.node as usize >= moving);
+    inside
+        .flat_map(|h| (0..3).filter(|a| h.axes[*a]).map(move |a| (h, a)))
+        .enumerate()
+        .map(|(k, (held, axis))| (held, axis, k))
+}
+
+/// Conjugate gradients for A x = r/h, r being `work.residual`; zero where not free. Returns the number of
+/// iterations.
+fn solve(model: &Model, state: &mut State, work: &mut Workspace, h: f64) -> u64 {
+    let Workspace {
+        implicit: s,
+        residual: force,
+        partial,
+        ..
+    } = work;
+    for (r, dof) in s.residual.iter_mut().zip(&s.dof) {
+        let (i, axis) = (*dof as usize / 3, *dof as usize % 3);
+        *r = if moves(state, *dof) {
+            force[i].0[axis] / h
+        } else {
+            0.0
+        };
+    }
+    s.solution.fill(0.0);
+    s.direction.fill(0.0);
+    let goal = TOLERANCE * TOLERANCE * dot(&s.residual, &s.residual);
+    let shift = (1.0 + state.parameters.damping * h) / (h * h);
+    let moving = model.parts.moving;
+    let mut before = 0.0;
+    for iteration in 0..MOST_ITERATIONS {
+        if dot(&s.residual, &s.residual) <= goal {
+            return iteration;
+        }
+        s.precondition(model, state);
+        let now = dot(&s.residual, &s.correction);
+        let share = if iteration == 0 { 0.0 } else { now / before };
+        before = now;
+        for (p, z) in s.direction.iter_mut().zip(&s.correction) {
+            *p = z + share * *p;
+        }
+        // A p by a sweep that moves nothing.
+        for (p, dof) in s.direction.iter().zip(&s.dof) {
+            s.swept[*dof as usize / 3].0[*dof as usize % 3] = *p;
+        }
+        state.coupling.respond(model, &s.swept);
+        inject(model, &state.coupling, partial);
+        let motion = &mut Motion {
+            displacement: &mut s.swept,
+            velocity: &mut s.still,
+            residual: force,
+            partial,
+            external: &s.unloaded,
+            inverse_mass: &state.inverse_mass[..moving],
+            mass: &state.live.mass[..moving],
+        };
+        let still = Advance::symplectic_euler(0.0, 0.0, 0.0);
+        sweep(&model.pattern, &state.live.tensors, motion, &still);
+        for k in 0..s.dof.len() {
+            let (i, axis) = (s.dof[k] as usize / 3, s.dof[k] as usize % 3);
+            s.product[k] = if moves(state, s.dof[k]) {
+                shift * state.live.mass[i] * s.direction[k] - force[i].0[axis]
+            } else {
+                0.0
+            };
+        }
+        let along = now / dot(&s.direction, &s.product);
+        add_scaled(&mut s.solution, along, &s.direction);
+        add_scaled(&mut s.residual, -along, &s.product);
+    }
+    MOST_ITERATIONS
+}

@@ -1,0 +1,180 @@
+//! Symplectic Euler and central difference: velocities at half steps, one fused sweep a substep.
+
+use crate::energy::inject;
+use crate::mesh::Vec3;
+use crate::model::Model;
+use crate::model::sweep::{Advance, Motion, Sums};
+use crate::scene::Scheme;
+use crate::state::State;
+use crate::step::{StepError, Workspace, watch};
+
+/// The equations are those of [`crate::model::sweep`].
+pub(super) fn substep(
+    model: &Model,
+    state: &mut State,
+    work: &mut Workspace,
+    h: f64,
+    tick: bool,
+) -> Result<(), StepError> {
+    let central = model.scheme() == Scheme::CentralDifference;
+    let by = model.advance(state.clock.lag, h, state.parameters.damping);
+    inject(model, &state.coupling, &mut work.partial);
+    work.interface.keep(model, state);
+    let moving = model.parts.moving;
+    let mut sums = state.live.sweep(
+        model,
+        &mut Motion {
+            displacement: &mut state.displacement[..moving],
+            velocity: &mut state.velocity[..moving],
+            residual: &mut work.residual,
+            partial: &mut work.partial,
+            external: &state.external[..moving],
+            inverse_mass: &state.inverse_mass[..moving],
+            mass: &state.live.mass[..moving],
+        },
+        &by,
+    );
+    let inside = state.coupling.energy(model);
+    sums.elastic += state.coupling.virial() + 2.0 * inside.elastic;
+    sums.external -= inside.gravity + inside.load;
+    work.interface
+        .advance(model, state, &mut work.residual, &by, &mut sums);
+    let before = state.account;
+    let (sums, trailing) = carry_held(model, state, work, sums, &by);
+    let (behind, ahead) = damped(&sums, state.clock.lag, &by, central);
+    let kinetic = kinetic(&sums, state.clock.lag, h);
+    state.coupling.solve(model, &state.displacement);
+    watch(
+        model,
+        state,
+        &before,
+        &sums,
+        kinetic,
+        trailing - behind,
+        tick,
+    )?;
+    let made = made(&sums, state.clock.lag, h);
+    state.account.made += made;
+    state.account.dissipated += behind + ahead - made;
+    Ok(())
+}
+
+/// v_{n-1/2} lies half of `lag` before this point, v_{n+1/2} half of h behind it:
+/// T_n = v_- . M v_- / 2 + lag/2 v_- . F_n, F_n = M (v_+ - v_-)/kick. v_- . M v_+ / 2 for equal lengths.
+fn kinetic(sums: &Sums, lag: f64, h: f64) -> f64 {
+    0.5 * (sums.lagging + 2.0 * lag / (lag + h) * (sums.kinetic - sums.lagging))
+}
+
+/// Energy gained where the substep changes: (lag - h)/4 F_n . M^-1 F_n kick.
+fn made(sums: &Sums, lag: f64, h: f64) -> f64 {
+    0.5 * (lag - h) / (lag + h) * (sums.damping - 3.0 * sums.kinetic + sums.lagging)
+}
+
+/// What damping takes at this point, trailing and leading half \[J\].
+fn damped(sums: &Sums, lag: f64, by: &Advance, central: bool) -> (f64, f64) {
+    if central {
+        // c M (v_- + v_+)/2 along v_- lag/2 and v_+ h/2.
+        (
+            0.25 * lag * by.damping * (sums.lagging + sums.kinetic),
+            0.25 * by.substep * by.damping * sums.damping,
+        )
+    } else {
+        // c M v_- now and c M v_+ at the end, along the whole of v_+ h.
+        (0.0, 0.5 * by.substep * by.damping * sums.damping)
+    }
+}
+
+/// Central difference is of second order if the velocity before the start is half a substep behind:
+/// v_{-1/2} = -h/2 M^-1 (f_ext - K u). The account's kinetic energy of that is booked.
+pub(crate) fn half_step_back(model: &Model, state: &mut State, h: f64) {
+    for i in 0..model.parts.moving {
+        let internal = state.live.internal_force(model, i, &state.displacement);
+        let force = state.external[i].xyz() - internal + state.coupling.force_on(model, i);
+        for axis in 0..3 {
+            let gain = state.inverse_mass[i].0[axis];
+            state.velocity[i].0[axis] = -0.5 * h * gain * force[axis];
+            state.account.dissipated += 0.125 * h * h * gain * force[axis] * force[axis];
+        }
+    }
+    let Some(guyan) = &model.guyan else {
+        return;
+    };
+    let from = model.parts.connected_from();
+    let mut force = Vec::new();
+    for i in from..model.parts.moving {
+        let mass = state.live.mass[i];
+        for axis in 0..3 {
+            let f = -2.0 * mass / h * state.velocity[i].0[axis];
+            state.account.dissipated -= 0.25 * h * h * 0.5 / mass * f * f;
+            force.push(f);
+        }
+    }
+    let acceleration = guyan.acceleration(&force);
+    for (dof, a) in acceleration.iter().enumerate() {
+        state.velocity[from + dof / 3].0[dof % 3] = -0.5 * h * a;
+        state.account.dissipated += 0.125 * h * h * a * force[dof];
+    }
+}
+
+/// Moves held nodes to their targets and books impulse and work. Returns the sums with held nodes in,
+/// and the trailing half of the work of tools and supports at this point.
+fn carry_held(
+    model: &Model,
+    state: &mut State,
+    work: &mut Workspace,
+    mut sums: Sums,
+    by: &Advance,
+) -> (Sums, f64) {
+    let mut trailing = 0.0;
+    let (lag, h) = (state.clock.lag, by.substep);
+    let kick = 0.5 * (lag + h);
+    let moving = model.parts.moving;
+    for held in &mut state.held {
+        let i = held.node as usize;
+        if let Some(inside) = i.checked_sub(moving) {
+            let lambda = state.coupling.pressure_on(inside);
+            let (v, v_new) = (state.velocity[i].xyz(), held.velocity);
+            let behind = 0.5 * lag * v.dot(&lambda);
+            trailing += behind;
+            state.account.tool_work += behind + 0.5 * h * v_new.dot(&lambda);
+            work.impulse[held.tool.unwrap_or_default() as usize] -= lambda * kick;
+            held.fresh = false;
+            for axis in (0..3).filter(|a| held.axes[*a]) {
+                state.velocity[i].0[axis] = v_new[axis];
+                state.displacement[i].0[axis] = held.target[axis];
+            }
+            continue;
+        }
+        let mass = state.live.mass[i];
+        let residual = &work.residual[i].0;
+        let mut lambda = Vec3::zeros();
+        let (mut behind, mut ahead, mut jump) = (0.0, 0.0, 0.0);
+        for axis in 0..3 {
+            if !held.axes[axis] {
+                continue;
+            }
+            let (v, v_new) = (state.velocity[i].0[axis], held.velocity[axis]);
+            lambda[axis] = mass * (v_new - v) / by.gain - residual[axis];
+            behind += 0.5 * lag * v * lambda[axis];
+            ahead += 0.5 * h * v_new * lambda[axis];
+            jump += 0.5 * mass * (v_new - v) * (v_new - v);
+            sums.kinetic += mass * v * (v_new - v);
+            sums.damping += mass * (v_new * (v + v_new) - 2.0 * v * v);
+            state.velocity[i].0[axis] = v_new;
+            state.displacement[i].0[axis] = held.target[axis];
+        }
+        trailing += behind;
+        let Some(tool) = held.tool else {
+            state.account.support_work += behind + ahead;
+            continue;
+        };
+        state.account.tool_work += behind + ahead;
+        work.impulse[tool as usize] -= lambda * kick;
+        if std::mem::replace(&mut held.fresh, false) {
+            // The tool's impulse acts at the tool's velocity; what the node does not gain is lost.
+            state.account.tool_work += jump;
+            state.account.dissipated += jump;
+        }
+    }
+    (sums, trailing)
+}
