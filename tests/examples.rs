@@ -1,6 +1,7 @@
 //! Every scene in `examples/` makes a model, and the committed schema is that of the types.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
@@ -31,8 +32,13 @@ fn examples_make_models_without_warnings() {
 
 /// The numbers that the examples' descriptions promise.
 #[test]
-fn plate_and_cantilever_settle_where_the_direct_solution_says() {
-    for (name, after_cuts, seconds) in [("cantilever", false, 1.5), ("plate_cut", true, 4.0)] {
+fn examples_settle_where_the_direct_solution_says() {
+    for (name, after_cuts, seconds) in [
+        ("cantilever", false, 1.5),
+        ("plate_cut", true, 4.0),
+        ("hybrid_cylinder", false, 8.0),
+        ("hybrid_liver", false, 0.2),
+    ] {
         let path = root().join(format!("examples/{name}.json"));
         let model = std::sync::Arc::new(tissue::prepared::read(&path).unwrap());
         let reference = tissue::reference::solve(&model, after_cuts).unwrap();
@@ -42,15 +48,103 @@ fn plate_and_cantilever_settle_where_the_direct_solution_says() {
         }
         let (mut worst, mut scale) = (0.0f64, 0.0f64);
         for (k, node) in model.node.iter().enumerate() {
-            if s.state().live.star_count[*node as usize] > 0 {
+            let known = (*node as usize) < model.parts.known;
+            if known && s.state().live.star_count[*node as usize] > 0 {
                 let exact = tissue::mesh::Vec3::from(reference.displacement[k]);
-                worst = worst.max((s.state().displacement[*node as usize].xyz() - exact).norm());
+                worst = worst.max((s.displacement(*node as usize) - exact).norm());
                 scale = scale.max(exact.norm());
             }
         }
         assert!(worst < 1e-6 * scale, "{name}: {worst:e} of {scale:e}");
         assert_eq!(!s.state().live.removed.is_empty(), after_cuts);
     }
+}
+
+/// The papers' hybrid liver: 18 % of it dynamic, pulled, cut through and let go as in the demo.
+#[test]
+fn the_hybrid_livers_lobe_comes_off() {
+    let model =
+        Arc::new(tissue::prepared::read(&root().join("examples/hybrid_liver.json")).unwrap());
+    let share = |of: &[bool]| of.iter().filter(|d| **d).count() as f64 / of.len() as f64;
+    assert!((share(&model.parts.dynamic) - 0.18).abs() < 0.005);
+    let mut s = tissue::simulation::Simulation::new(model);
+    let motion = std::fs::read_to_string(root().join("examples/hepatectomy.csv")).unwrap();
+    let rows: Vec<Vec<f64>> = (motion.lines().skip(1))
+        .map(|row| {
+            let number = |cell: &str| match cell {
+                "true" => 1.0,
+                "false" => 0.0,
+                cell => cell.parse().unwrap(),
+            };
+            row.split(',').map(number).collect()
+        })
+        .collect();
+    let mut pulled = 0.0f64;
+    for k in 0..5600 {
+        let time = 1e-3 * f64::from(k + 1);
+        let at = rows
+            .partition_point(|r| r[0] < time)
+            .clamp(1, rows.len() - 1);
+        let (a, b) = (&rows[at - 1], &rows[at]);
+        let share = ((time - a[0]) / (b[0] - a[0])).clamp(0.0, 1.0);
+        for tool in 0..2 {
+            for axis in 0..3 {
+                let c = 1 + 4 * tool + axis;
+                s.set_pose_input(tool, axis, a[c] + share * (b[c] - a[c]));
+            }
+            s.set_active(tool, a[4 + 4 * tool] > 0.0);
+        }
+        s.step(1e-3).unwrap();
+        pulled = pulled.max(s.tool(0).force.norm());
+    }
+    assert!(pulled > 0.1, "{pulled} N");
+    assert_eq!(s.pieces(), 2);
+    let energy = s.energy();
+    let off = energy.balance() - s.state().account.start;
+    assert!(
+        off.abs() < 1e-9 * energy.tool_work.abs(),
+        "{off:e} {energy:?}"
+    );
+}
+
+/// The papers' plate: the force is there at once, and it is the direct solution's.
+#[test]
+fn the_pressed_plate_answers_at_once() {
+    let path = root().join("examples/pressed_plate.json");
+    let model = Arc::new(tissue::prepared::read(&path).unwrap());
+    let mut s = tissue::simulation::Simulation::new(model.clone());
+    let press = |s: &mut tissue::simulation::Simulation, z: f64| {
+        s.set_pose_input(0, 2, z);
+        s.step(1e-3).unwrap();
+        s.tool(0).force.z
+    };
+    assert_eq!(press(&mut s, 0.031), 0.0);
+    for k in 1..=40 {
+        press(&mut s, 0.031 - 2.5e-4 * f64::from(k));
+    }
+    let force = s.tool(0).force.z;
+    assert!(force > 0.05, "{force} N");
+    // The same nodes prescribed.
+    let held: Vec<_> = (s.state().held.iter())
+        .map(|h| {
+            let u = s.state().displacement[h.node as usize].xyz();
+            let node = model.scene_node[h.node as usize];
+            format!(
+                r#"{{"where": {{"nodes": [{node}]}}, "displacement": [{}, {}, {}]}}"#,
+                u.x, u.y, u.z
+            )
+        })
+        .collect();
+    let text = std::fs::read_to_string(&path).unwrap();
+    let held = format!(r#""prescribed": [{}], "gravity""#, held.join(","));
+    let scene = tissue::scene::parse(&text.replace("\"gravity\"", &held), "plate").unwrap();
+    let model = tissue::prepared::prepare(scene, &root()).unwrap();
+    let direct = tissue::reference::solve(&model, false).unwrap();
+    let is_fixed =
+        |node: &u32| model.boundary.fixed[model.node[*node as usize] as usize] != [false; 3];
+    let taken = direct.reaction.iter().filter(|(n, _)| !is_fixed(n));
+    let sum: f64 = taken.map(|(_, r)| r[2]).sum();
+    assert!((force + sum).abs() < 1e-9 * force, "{force} {sum}");
 }
 
 /// `UPDATE=1 cargo test -p tissue --test examples` writes it.

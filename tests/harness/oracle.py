@@ -150,3 +150,11 @@ def driven_history(tissue, damping, force, held, path, speed, times, mass=None):
     for k, t in enumerate(times):
         history[k, fixed] = path(t).ravel()[fixed]
     return history.reshape(len(times), -1, 3)
+
+
+def modes(tissue, held, count):
+    """The lowest eigenvalues omega^2 of M^-1 K [1/s2]."""
+    free = np.flatnonzero(~np.asarray(held).ravel() & np.repeat(tissue.mass() > 0, 3))
+    stiffness = tissue.stiffness()[free][:, free].tocsc()
+    mass = sparse.diags(np.repeat(tissue.mass(), 3)[free]).tocsc()
+    return np.sort(eigsh(stiffness, count, mass, sigma=0, return_eigenvectors=False))
