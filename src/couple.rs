@@ -19,8 +19,8 @@ use crate::model::tensor_mass::Lane;
 const ROOM: usize = 384;
 /// Nodes brought up to date at once.
 const RUN: usize = 64;
-/// Numbers read to keep far nodes up to date, a haptic tick.
-const ROUND: usize = 30_000;
+/// How much farther than what moves it a point inside may move: 1 for a rigid motion.
+const DRIFT: f64 = 2.0;
 
 /// Where the energy of the pre-computed part is \[J\].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -75,10 +75,9 @@ impl Before {
         now.energy(model).total() - self.potential + 0.5 * lag * power
     }
 
-    /// Degrees of freedom held then and no more.
-    pub fn let_go(&self, now: &Coupling) -> impl Iterator<Item = u32> {
-        let gone = |dof: &&u32| !now.held.contains(dof);
-        self.held.iter().filter(gone).copied()
+    /// Degrees of freedom held then.
+    pub fn held(&self) -> &[u32] {
+        &self.held
     }
 
     /// lambda then \[N\].
@@ -105,8 +104,10 @@ pub struct Coupling {
     elastic: Vec<f64>,
     /// On connection nodes \[N\].
     pub force: Vec<f64>,
-    /// Next node to be looked at in turn.
-    pub turn: usize,
+    /// Bound of how far any node inside can have moved since the start \[m\], and what it was when each
+    /// touchable node was last brought up to date.
+    pub drift: f64,
+    pub seen: Vec<f64>,
 }
 
 impl Coupling {
@@ -120,6 +121,7 @@ impl Coupling {
             moved: vec![0.0; padded],
             elastic: vec![0.0; padded],
             force: vec![0.0; 3 * part.connection],
+            seen: vec![0.0; part.touchable],
             ..Coupling::default()
         };
         coupling.reserve();
@@ -147,7 +149,8 @@ impl Coupling {
         self.moved.clone_from(&other.moved);
         self.elastic.clone_from(&other.elastic);
         self.force.clone_from(&other.force);
-        self.turn = other.turn;
+        self.drift = other.drift;
+        self.seen.clone_from(&other.seen);
     }
 
     /// Whether any amplitude has changed.
@@ -156,12 +159,19 @@ impl Coupling {
             return false;
         };
         let mut changed = false;
-        for (a, source) in self.amplitude.iter_mut().zip(&part.drives) {
+        for (k, source) in part.drives.iter().enumerate() {
             let now = source.amplitude(gravity, time);
-            changed |= now != *a;
-            *a = now;
+            let change = now - self.amplitude[k];
+            changed |= change != 0.0;
+            self.drift += change.abs() * part.farthest(k);
+            self.amplitude[k] = now;
         }
         changed
+    }
+
+    /// Whether a tool holds a degree of freedom inside.
+    pub fn holds(&self, dof: u32) -> bool {
+        self.held.contains(&dof)
     }
 
     /// Takes over which nodes inside are held. Whether that has changed.
@@ -376,32 +386,50 @@ impl Coupling {
         self.update(model, displacement, held, 0..count);
     }
 
-    /// Those of touchable nodes that `near` says so of the position of.
+    /// Those of touchable nodes that may be within `reach` of where `distance` is measured from \[m\]: by
+    /// the position last known, and as far as tissue can have drifted since.
     pub fn update_near(
-        &self,
+        &mut self,
         model: &Model,
         displacement: &mut [Lane],
         held: &[Held],
-        near: impl Fn(&Vec3) -> bool,
+        reach: f64,
+        distance: impl Fn(&Vec3) -> f64,
     ) {
         let moving = model.parts.moving;
-        for node in 0..model.parts.touchable {
-            let u = displacement[moving + node].xyz();
-            if near(&(model.mesh.nodes[moving + node] + u)) {
+        for node in 0..self.seen.len() {
+            let at = model.mesh.nodes[moving + node] + displacement[moving + node].xyz();
+            if distance(&at) <= reach + (self.drift - self.seen[node]) {
                 self.update(model, displacement, held, node..node + 1);
+                self.seen[node] = self.drift;
             }
         }
     }
 
-    /// Those of some touchable nodes in turn, so that none far from all tools grows old.
-    pub fn update_some(&mut self, model: &Model, displacement: &mut [Lane], held: &[Held]) {
-        let Some(part) = &model.precomputed else {
-            return;
-        };
-        let numbers = 9 * (part.connection + 1) + 3 * self.held.len();
-        let begin = self.turn;
-        let end = part.touchable.min(begin + ROUND / numbers);
-        self.update(model, displacement, held, begin..end);
-        self.turn = if end == part.touchable { 0 } else { end };
+    /// What moves the part has moved for `seconds` at these velocities.
+    pub fn drifts(&mut self, model: &Model, velocity: &[Lane], held: &[Held], seconds: f64) {
+        let moving = model.parts.moving;
+        let interface = velocity[model.parts.connected_from()..moving].iter();
+        let inside = held.iter().filter(|h| h.node as usize >= moving);
+        let fastest = interface
+            .chain(inside.map(|h| &velocity[h.node as usize]))
+            .map(|v| v.xyz().norm_squared())
+            .fold(0.0, f64::max)
+            .sqrt();
+        self.drift += DRIFT * seconds * fastest;
+    }
+
+    /// A node that was let go springs back.
+    pub fn springs_back(
+        &mut self,
+        model: &Model,
+        displacement: &mut [Lane],
+        held: &[Held],
+        node: usize,
+    ) {
+        let at = model.parts.moving + node;
+        let before = displacement[at].xyz();
+        self.update(model, displacement, held, node..node + 1);
+        self.drift += DRIFT * (displacement[at].xyz() - before).norm();
     }
 }

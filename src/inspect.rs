@@ -7,9 +7,9 @@ use serde::Serialize;
 
 use crate::couple::Coupling;
 use crate::model::sweep::{Advance, Motion};
-use crate::model::tensor_mass::Lane;
+use crate::model::tensor_mass::{Lane, Pattern};
 use crate::model::{Model, critical_step};
-use crate::scene::{ModelKind, Scheme};
+use crate::scene::{InterfaceMass, ModelKind, Scheme, ToolKind};
 use crate::state::State;
 use crate::step::{Workspace, advance};
 
@@ -90,7 +90,7 @@ pub fn inspect(model: &Model) -> Inspection {
     Inspection {
         name: model.scene.name.clone(),
         vertices: model.mesh.nodes.len(),
-        edges: model.pattern.edges(),
+        edges: Pattern::new(model.mesh.nodes.len(), &model.mesh.tetrahedra).edges(),
         tetrahedra: model.mesh.tetrahedra.len(),
         surface_triangles: model.whole.surface.len(),
         pieces: model.report.pieces,
@@ -187,6 +187,25 @@ pub fn warnings(model: &Model) -> Vec<String> {
             "{} rigid motions are not held: tissue that nothing fixes falls{turning}",
             model.rigid_modes
         ));
+    }
+    let lumped = model.scene.model.interface_mass == InterfaceMass::Lumped;
+    if model.parts.connection > 0 && lumped && model.precomputed_rigid_modes(false) > 0 {
+        warnings.push(
+            "a pre-computed piece is held by the dynamic part alone: without inertia of its own it swings and falls too fast; use \"interfaceMass\": \"guyan\", or make it dynamic"
+                .to_string(),
+        );
+    }
+    if let Ok(Some(error)) = crate::reference::interface_error(model)
+        && error > 0.05
+    {
+        warnings.push(format!(
+            "so few interface modes move the equilibrium by {:.0} %",
+            100.0 * error
+        ));
+    }
+    let cauteries = (model.scene.tools.iter()).any(|t| t.kind == ToolKind::Cautery);
+    if cauteries && !model.parts.dynamic.contains(&true) {
+        warnings.push("a cautery has nothing to cut: all tissue is pre-computed".to_string());
     }
     let (damping, critical) = (model.damping(), model.critical_step(model.damping()));
     let substep = model.substep(damping);

@@ -13,7 +13,7 @@ use crate::model::{Fnv, Model};
 use crate::pose::{Line, Pose, PoseInput};
 use crate::state::{Clock, Factored, Parameters, State, ToolState};
 
-const MAGIC: &[u8; 8] = b"tissueS4";
+const MAGIC: &[u8; 8] = b"tissueS5";
 
 /// Why bytes are not a state of this model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -194,7 +194,8 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
     out.real(state.parameters.damping);
     out.int(u64::from(state.parameters.damping_set));
     out.int(state.cuts_done as u64);
-    out.int(state.coupling.turn as u64);
+    out.real(state.coupling.drift);
+    state.coupling.seen.iter().for_each(|d| out.real(*d));
     out.reals([state.since_haptic, state.nominal_substep]);
     out.int(state.factored.removed as u64);
     out.int(state.factored.spent);
@@ -222,6 +223,7 @@ pub fn size(state: &State) -> usize {
         + 2
         + 2
         + 2
+        + state.coupling.seen.len()
         + 1;
     8 * words
 }
@@ -305,7 +307,10 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
         damping_set: input.flag()?,
     };
     state.cuts_done = input.index(model.cuts.len() + 1)?;
-    state.coupling.turn = input.index(model.parts.touchable + 1)?;
+    let drift = input.real()?;
+    for seen in &mut state.coupling.seen {
+        *seen = input.real()?;
+    }
     [state.since_haptic, state.nominal_substep] = input.reals()?;
     state.factored = Factored {
         removed: input.index(state.live.removed.len() + 1)?,
@@ -315,6 +320,7 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
         return Err(SnapshotError::Damaged);
     }
     state.refresh_all(model);
+    state.coupling.drift = drift;
     Ok(state)
 }
 

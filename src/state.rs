@@ -169,6 +169,7 @@ impl State {
             ..
         } = &mut state;
         coupling.update_all(model, displacement, held);
+        coupling.seen.fill(coupling.drift);
         state.account.start = state.energy(model).balance();
         state
     }

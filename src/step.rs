@@ -200,14 +200,17 @@ pub fn advance(
         // Due, or late at the next boundary.
         let tick = state.since_haptic + h > period || switched;
         if tick {
-            state.since_haptic = 0.0;
             let State {
                 coupling,
-                displacement,
+                velocity,
                 held,
+                since_haptic,
                 ..
             } = state;
-            coupling.update_some(model, displacement, held);
+            if since_haptic.is_finite() {
+                coupling.drifts(model, velocity, held, *since_haptic);
+            }
+            *since_haptic = 0.0;
             for tool in 0..state.tools.len() {
                 look(model, state, tool);
                 work.before.remember(model, &state.coupling);
@@ -271,17 +274,16 @@ fn look(model: &Model, state: &mut State, k: usize) {
         return;
     }
     let capsule = Capsule::of(&model.scene.tools[k].shape, &state.tools[k].pose, None);
-    // The vertices of a touched triangle are within its longest edge; the rest is for stretch and what
-    // has moved since they were looked at.
+    // The vertices of a touched triangle are within its longest edge; the rest is for stretch.
     let reach = capsule.radius + 1.25 * model.longest_edge;
-    let near = |at: &Vec3| capsule.axis_distance(at) <= reach;
+    let distance = |at: &Vec3| capsule.axis_distance(at);
     let State {
         coupling,
         displacement,
         held,
         ..
     } = state;
-    coupling.update_near(model, displacement, held, near);
+    coupling.update_near(model, displacement, held, reach, distance);
 }
 
 /// After a change of what tools hold inside the pre-computed part: it finds its new equilibrium at
@@ -293,7 +295,11 @@ fn regrip(model: &Model, state: &mut State, work: &mut Workspace, tool: usize) {
     state.coupling.solve(model, &state.displacement);
     state.account.dissipated -= gained(model, state, &work.before, &mut work.impulse);
     let lag = state.clock.lag;
-    for dof in work.before.let_go(&state.coupling) {
+    for k in 0..work.before.held().len() {
+        let dof = work.before.held()[k];
+        if state.coupling.holds(dof) {
+            continue;
+        }
         // The trailing half of what the tool did on it.
         let node = model.parts.moving + dof as usize / 3;
         let velocity = &mut state.velocity[node].0[dof as usize % 3];
@@ -301,6 +307,13 @@ fn regrip(model: &Model, state: &mut State, work: &mut Workspace, tool: usize) {
         state.account.tool_work += 0.5 * lag * *velocity * pressure;
         work.impulse[tool][dof as usize % 3] -= 0.5 * lag * pressure;
         *velocity = 0.0;
+        let State {
+            coupling,
+            displacement,
+            held,
+            ..
+        } = state;
+        coupling.springs_back(model, displacement, held, dof as usize / 3);
     }
 }
 

@@ -40,7 +40,7 @@ pub(super) fn substep(
     work.interface
         .advance(model, state, &mut work.residual, &by, &mut sums);
     let before = state.account;
-    let (sums, trailing) = carry_held(model, state, work, sums, &by);
+    let (sums, trailing, given) = carry_held(model, state, work, sums, &by);
     let (behind, ahead) = damped(&sums, state.clock.lag, &by, central);
     let kinetic = kinetic(&sums, state.clock.lag, h);
     state.coupling.solve(model, &state.displacement);
@@ -53,7 +53,7 @@ pub(super) fn substep(
         trailing - behind,
         tick,
     )?;
-    let made = made(&sums, state.clock.lag, h);
+    let made = made(&sums, state.clock.lag, h) - given;
     state.account.made += made;
     state.account.dissipated += behind + ahead - made;
     Ok(())
@@ -109,7 +109,8 @@ pub(crate) fn half_step_back(model: &Model, state: &mut State, h: f64) {
             force.push(f);
         }
     }
-    let acceleration = guyan.acceleration(&force);
+    let is_held = |dof: usize| state.inverse_mass[from + dof / 3].0[dof % 3] == 0.0;
+    let acceleration = guyan.acceleration(&force, is_held);
     for (dof, a) in acceleration.iter().enumerate() {
         state.velocity[from + dof / 3].0[dof % 3] = -0.5 * h * a;
         state.account.dissipated += 0.125 * h * h * a * force[dof];
@@ -117,15 +118,16 @@ pub(crate) fn half_step_back(model: &Model, state: &mut State, h: f64) {
 }
 
 /// Moves held nodes to their targets and books impulse and work. Returns the sums with held nodes in,
-/// and the trailing half of the work of tools and supports at this point.
+/// the trailing half of the work of tools and supports at this point, and the part of theirs that
+/// [`made`] counts too.
 fn carry_held(
     model: &Model,
     state: &mut State,
     work: &mut Workspace,
     mut sums: Sums,
     by: &Advance,
-) -> (Sums, f64) {
-    let mut trailing = 0.0;
+) -> (Sums, f64, f64) {
+    let (mut trailing, mut given) = (0.0, 0.0);
     let (lag, h) = (state.clock.lag, by.substep);
     let kick = 0.5 * (lag + h);
     let moving = model.parts.moving;
@@ -164,6 +166,10 @@ fn carry_held(
             state.displacement[i].0[axis] = held.target[axis];
         }
         trailing += behind;
+        // Its own part of what uneven substeps would make: whoever leads it gives that.
+        let extra = jump * (lag - h) / (lag + h);
+        given += extra;
+        ahead += extra;
         let Some(tool) = held.tool else {
             state.account.support_work += behind + ahead;
             continue;
@@ -176,5 +182,5 @@ fn carry_held(
             state.account.dissipated += jump;
         }
     }
-    (sums, trailing)
+    (sums, trailing, given)
 }

@@ -54,10 +54,24 @@ impl GuyanMass {
         }
     }
 
-    /// M^-1 f of the connection nodes.
-    pub fn acceleration(&self, force: &[f64]) -> Vec<f64> {
+    /// M^-1 f of the connection nodes, zero where `held`.
+    pub fn acceleration(&self, force: &[f64], held: impl Fn(usize) -> bool) -> Vec<f64> {
         let mut a = vec![0.0; self.size];
         self.product(&self.inverse, force, &mut a);
+        let held: Vec<usize> = (0..self.size)
+            .filter(|k| held(*k) && self.inverse[k * self.size + k] > 0.0)
+            .collect();
+        let mut factor = Packed::default();
+        for (row, dof) in held.iter().enumerate() {
+            factor.push(row, |k| self.inverse[dof * self.size + held[k]]);
+        }
+        let mut push: Vec<f64> = held.iter().map(|dof| -a[*dof]).collect();
+        factor.solve(&mut push);
+        for (dof, push) in held.iter().zip(&push) {
+            let row = &self.inverse[dof * self.size..(dof + 1) * self.size];
+            add_scaled(&mut a, *push, row);
+        }
+        held.iter().for_each(|dof| a[*dof] = 0.0);
         a
     }
 

@@ -23,8 +23,8 @@ use crate::mesh::check::MeshReport;
 use crate::mesh::topology::{Face, NONE, Topology};
 use crate::mesh::{self, MeshError, TetMesh, Vec3};
 use crate::scene::{
-    CutMass, EULER_UNDAMPED, InterfaceMass, Mass, ModelKind, OutputVertices, Scene, SceneError,
-    Scheme, Selector, Start, ToolKind, select_tetrahedra,
+    Connection, CutMass, EULER_UNDAMPED, InterfaceMass, Mass, ModelKind, ModelSettings,
+    OutputVertices, Scene, SceneError, Scheme, Selector, Start, ToolKind, select_tetrahedra,
 };
 use crate::statics::StaticsError;
 use boundary::Boundary;
@@ -291,7 +291,17 @@ impl Model {
 
     /// The same mesh with another scene.
     pub fn with_scene(&self, scene: Scene) -> Result<Model, ModelError> {
-        Model::new(scene, self.scene_mesh(), &self.file)
+        let mesh = self.scene_mesh();
+        let same = precomputed_key(&scene, &mesh) == self.precomputed_key;
+        let known = Known {
+            numbers: self
+                .precomputed
+                .as_ref()
+                .filter(|_| same)
+                .map(|p| p.shared()),
+            ..Known::default()
+        };
+        Model::build(scene, mesh, &self.file, known, &|_| {})
     }
 
     /// K on the moving nodes with the tensors of a live mesh.
@@ -348,6 +358,19 @@ impl Model {
                 ),
             )
             .into());
+        }
+        if self.precomputed_rigid_modes(true) > 0 {
+            let (path, what) = match self.scene.model.connection {
+                Connection::Nodes(_) => (
+                    "model.connection.nodes",
+                    "lets a pre-computed piece turn or come off; must connect at least three nodes of each that are not in line, or the piece must be fixed",
+                ),
+                Connection::Full => (
+                    "fixed",
+                    "a pre-computed piece is not held against every rigid motion; must fix at least three nodes of it that are not in line",
+                ),
+            };
+            return Err(SceneError::at(&self.file, path, what).into());
         }
         let stored = known.and_then(|numbers| Precomputed::from_numbers(self, numbers));
         let part = match stored {
@@ -467,7 +490,8 @@ impl Model {
         let mass_goes = self.scene.cutting.mass == CutMass::Removed
             && self.scene.integration.mass == Mass::Lumped;
         if self.can_be_cut() && mass_goes {
-            self.spectrum.element_bound
+            // Reduced interface modes are not bounded by elements.
+            self.spectrum.element_bound.max(self.spectrum.highest)
         } else {
             self.spectrum.highest
         }
@@ -646,6 +670,23 @@ impl Model {
     /// Rigid motions that nothing holds, over all pieces of what is alive: for each piece 6 less the rank
     /// of the held axes' rows (e_a, (r x e_a)/size) in the six motions.
     pub(crate) fn count_rigid_modes(&self, alive: &[bool]) -> usize {
+        self.loose_motions(alive, |v| self.boundary.free[v])
+    }
+
+    /// Those of the pre-computed part alone, its connection nodes free or held.
+    pub fn precomputed_rigid_modes(&self, connection_held: bool) -> usize {
+        let inside: Vec<bool> = self.parts.dynamic.iter().map(|d| !d).collect();
+        let moving = self.parts.moving;
+        self.loose_motions(&inside, |v| {
+            if connection_held && v < moving {
+                [false; 3]
+            } else {
+                self.boundary.free[v]
+            }
+        })
+    }
+
+    fn loose_motions(&self, alive: &[bool], free: impl Fn(usize) -> [bool; 3]) -> usize {
         let (count, label) = component_labels(self, alive);
         let bounds = &self.report.bounds;
         let (middle, size) = (
@@ -653,11 +694,12 @@ impl Model {
             (bounds[1] - bounds[0]).norm(),
         );
         let mut held = vec![Matrix6::zeros(); count];
-        for (v, free) in self.boundary.free.iter().enumerate() {
+        for v in 0..label.len() {
             if label[v] == NONE {
                 continue;
             }
             let r = (self.mesh.nodes[v] - middle) / size;
+            let free = free(v);
             for axis in (0..3).filter(|a| !free[*a]) {
                 let e = Vec3::ith(axis, 1.0);
                 let turn = r.cross(&e);
@@ -747,9 +789,18 @@ fn neighbours(mesh: &TetMesh) -> Vec<Vec<u32>> {
     neighbours
 }
 
+/// Grows with every change of node order or of what is stored.
+const KEY_VERSION: u32 = 1;
+
 /// FNV-1a over what the pre-computed part follows from.
 pub fn precomputed_key(scene: &Scene, mesh: &TetMesh) -> u64 {
     let mut hash = Fnv::default();
+    hash.write(&KEY_VERSION.to_le_bytes());
+    // Nothing stored depends on the modes in use.
+    let model = ModelSettings {
+        interface_modes: None,
+        ..scene.model.clone()
+    };
     let parts = (
         (
             &scene.materials,
@@ -757,7 +808,7 @@ pub fn precomputed_key(scene: &Scene, mesh: &TetMesh) -> u64 {
             &scene.prescribed,
             &scene.loads,
         ),
-        (&scene.model, scene.integration.mass, scene.outputs.vertices),
+        (&model, scene.integration.mass, scene.outputs.vertices),
         scene.start == Start::Equilibrium,
         scene.tools.is_empty(),
     );

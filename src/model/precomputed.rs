@@ -55,10 +55,11 @@ impl Source {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Interface {
     Full(Symmetric),
-    /// S = shift I + sum_m (value_m - shift) q_m q_m^T
+    /// S = shift D + sum_m (value_m - shift) q_m q_m^T with D the diagonal of S, S q_m = value_m D q_m and
+    /// q_m^T D^-1 q_n = 1 where m = n, else 0 (q_m stands for D q_m).
     Modes {
-        size: usize,
-        shift: f64,
+        /// shift D
+        diagonal: Vec<f64>,
         /// value_m - shift
         values: Vec<f64>,
         /// q_m, one after the other.
@@ -70,7 +71,7 @@ impl Interface {
     pub fn size(&self) -> usize {
         match self {
             Interface::Full(matrix) => matrix.size(),
-            Interface::Modes { size, .. } => *size,
+            Interface::Modes { diagonal, .. } => diagonal.len(),
         }
     }
 
@@ -79,14 +80,16 @@ impl Interface {
         match self {
             Interface::Full(matrix) => matrix.product(u, out),
             Interface::Modes {
-                size,
-                shift,
+                diagonal,
                 values,
                 vectors,
             } => {
-                let (u, out) = (&u[..*size], &mut out[..*size]);
-                out.iter_mut().zip(u).for_each(|(out, u)| *out = shift * u);
-                for (value, q) in values.iter().zip(vectors.chunks(*size)) {
+                let size = diagonal.len();
+                let (u, out) = (&u[..size], &mut out[..size]);
+                for ((out, u), d) in out.iter_mut().zip(u).zip(diagonal) {
+                    *out = d * u;
+                }
+                for (value, q) in values.iter().zip(vectors.chunks(size)) {
                     add_scaled(out, value * dot(q, u), q);
                 }
             }
@@ -97,14 +100,13 @@ impl Interface {
         match self {
             Interface::Full(matrix) => matrix.at(row, column),
             Interface::Modes {
-                size,
-                shift,
+                diagonal,
                 values,
                 vectors,
             } => {
-                let modes = values.iter().zip(vectors.chunks(*size));
+                let modes = values.iter().zip(vectors.chunks(diagonal.len()));
                 let sum: f64 = modes.map(|(v, q)| v * q[row] * q[column]).sum();
-                sum + if row == column { *shift } else { 0.0 }
+                sum + if row == column { diagonal[row] } else { 0.0 }
             }
         }
     }
@@ -129,13 +131,19 @@ impl Interface {
         if modes >= size {
             return self.clone();
         }
-        let (values, vectors) = crate::statics::eigen(size, |r, c| self.at(r, c));
+        // S of a node goes with its size: relative to its diagonal all nodes are alike.
+        let root: Vec<f64> = (0..size).map(|k| self.at(k, k).sqrt()).collect();
+        let scaled = |r: usize, c: usize| self.at(r, c) / (root[r] * root[c]);
+        let (values, mut vectors) = crate::statics::eigen(size, scaled);
         let shift = values[modes..].iter().sum::<f64>() / (size - modes) as f64;
+        vectors.truncate(modes * size);
+        for q in vectors.chunks_mut(size) {
+            q.iter_mut().zip(&root).for_each(|(q, root)| *q *= root);
+        }
         Interface::Modes {
-            size,
-            shift,
+            diagonal: root.iter().map(|r| shift * r * r).collect(),
             values: values[..modes].iter().map(|v| v - shift).collect(),
-            vectors: vectors[..modes * size].to_vec(),
+            vectors,
         }
     }
 }
@@ -155,6 +163,8 @@ pub struct Precomputed {
     pub drives: Vec<Source>,
     /// w_k: drives times 3 kept numbers.
     field: Vec<f64>,
+    /// Largest |w_k| of a node.
+    farthest: Vec<f64>,
     /// g_k: drives times 3 connection numbers.
     push: Vec<f64>,
     /// w_k . K w_l, drives times drives.
@@ -220,19 +230,25 @@ impl Precomputed {
             Some(modes) => interface.reduced(modes),
             None => interface,
         };
+        let (influence, compliance, field) = (next(), next(), next().to_vec());
+        let mut farthest: Vec<f64> = (field.chunks((3 * sizes.kept).max(1)))
+            .map(|w| w.chunks(3).map(|u| dot(u, u)).fold(0.0, f64::max).sqrt())
+            .collect();
+        farthest.resize(sizes.drives, 0.0);
         Some(Precomputed {
             interface,
             connection: sizes.connection,
             touchable: sizes.touchable,
             kept: sizes.kept,
             drives: sources(model),
-            influence: next(),
-            compliance: next(),
-            field: next().to_vec(),
+            influence,
+            compliance,
+            field,
             push: next().to_vec(),
             stored: next().to_vec(),
             potential: next().to_vec(),
             guyan: sizes.guyan.then(|| next().to_vec()),
+            farthest,
             numbers,
         })
     }
@@ -241,6 +257,10 @@ impl Precomputed {
     pub fn whole_interface(&self, dof: usize) -> &[f64] {
         let size = 3 * self.connection;
         &self.numbers[dof * size..(dof + 1) * size]
+    }
+
+    pub fn shared(&self) -> Numbers {
+        self.numbers.clone()
     }
 
     pub fn numbers(&self) -> &[f64] {
@@ -268,6 +288,11 @@ impl Precomputed {
     pub fn field(&self, drive: usize) -> &[f64] {
         let size = 3 * self.kept;
         &self.field[drive * size..(drive + 1) * size]
+    }
+
+    /// Largest |w_k| of a kept node.
+    pub fn farthest(&self, drive: usize) -> f64 {
+        self.farthest[drive]
     }
 
     /// g_k: 3 connection numbers.

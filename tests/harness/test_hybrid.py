@@ -235,6 +235,31 @@ def test_nothing_holds_the_pre_computed_part(command, tmp_path):
     path = tmp_path / "adrift.json"
     path.write_text(json.dumps(problem.scene))
     told = command("build", path)
-    assert told.returncode == 1 and "not held" in told.stderr and len(told.stderr.splitlines()) == 1
+    assert told.returncode == 1 and "fixed: a pre-computed piece is not held" in told.stderr
+    assert len(told.stderr.splitlines()) == 1
+    problem = plate("hinged")
+    problem.scene["model"] = MODELS["held_end"] | {"connection": {"nodes": [int(i) for i in problem.face(0, 0.05)[:2]]}}
+    path.write_text(json.dumps(problem.scene))
+    told = command("build", path)
+    assert told.returncode == 1 and "model.connection.nodes: lets a pre-computed piece turn" in told.stderr
+
+
+def test_a_probe_feels_tissue_that_moves_to_it(build):
+    """The dynamic end is lifted; the pre-computed part, far from any tool's last look, comes up to a still probe."""
+    problem = plate("late", mesh=meshes.kuhn((0.10, 0.05, 0.05), (12, 8, 8)), gravity=[0.0, 0.0, 0.0])
+    problem.scene["model"] = {"kind": "hybrid", "dynamic": half(0.075, 1)}
+    problem.tool("grasper", "grasper", (0.10, 0.025, 0.025), radius=0.02)
+    problem.tool("probe", "probe", (0.06, 0.025, 0.066), radius=0.004)
+    with Instance(build(problem.scene), values={"tool[1].active": True}) as instance:
+        for k in range(600):
+            instance.place(1, (0.10, 0.025, 0.025 + 0.0002 * k))
+            instance.step(0.001)
+            found = instance.positions()
+            inside = np.linalg.norm(found - [0.06, 0.025, 0.066], axis=1) < 0.004
+            if inside.any() or instance.get("tool[2].inContact"):
+                break
+        # The triangles between the vertices are felt first; a vertex inside is a tick late at most.
+        instance.step(0.001)
+        assert k < 599 and instance.get("tool[2].inContact")
 
 
