@@ -58,9 +58,13 @@ pub(crate) struct Scratch {
     unknown: Vec<u32>,
     key: Key,
     factor: Option<(Factor, Room)>,
-    /// Held degrees of freedom, 3 node + axis; A^-1 of their rows of C; the factor of C A^-1 C^T + D.
-    held: Vec<u32>,
+    /// Degrees of freedom held of late, 3 node + axis, and A^-1 of their rows of C: a tool that comes back
+    /// to one need not solve again.
+    known: Vec<u32>,
     columns: Vec<f64>,
+    /// Those held now, each its place in `known`; the factor of C A^-1 C^T + D.
+    held: Vec<u32>,
+    place: Vec<u32>,
     border: Packed,
     push: Vec<f64>,
     /// Conjugate gradients, an unknown each.
@@ -110,7 +114,9 @@ impl Scratch {
                 ..Key::default()
             },
             factor: None,
+            known: Vec::with_capacity(ROOM),
             held: Vec::with_capacity(ROOM),
+            place: Vec::with_capacity(ROOM),
             // Only taken from the system as tools take hold.
             columns: Vec::with_capacity(ROOM * dof.len()),
             border,
@@ -167,6 +173,8 @@ impl Scratch {
         self.key.removed.clear();
         self.key.removed.extend_from_slice(removed);
         self.held.clear();
+        self.place.clear();
+        self.known.clear();
         self.columns.clear();
         self.border.truncate(0);
         Ok(())
@@ -184,24 +192,41 @@ impl Scratch {
                 axes.map(move |a| 3 * h.node + a as u32)
             })
         };
+        if self.known.len() > (ROOM - 48).max(2 * dofs().count()) {
+            // Full of what was held long ago.
+            self.known.clear();
+            self.columns.clear();
+            self.held.clear();
+        }
         let same = dofs().zip(&self.held).take_while(|(a, b)| a == *b).count();
         let size = self.dof.len();
         self.held.truncate(same);
-        self.columns.truncate(same * size);
+        self.place.truncate(same);
         self.border.truncate(same);
         let part = model.precomputed.as_ref();
         let inside = |dof: u32| (dof as usize).checked_sub(3 * model.parts.moving);
         for dof in dofs().skip(same) {
             let row = self.held.len();
-            self.columns.resize((row + 1) * size, 0.0);
-            let column = &mut self.columns[row * size..];
-            constraint(model, part, &self.unknown, dof, |k, c| column[k] = c);
-            factor.solve_with(room, column);
+            let place = match self.known.iter().position(|d| *d == dof) {
+                Some(place) => place,
+                None => {
+                    let place = self.known.len();
+                    self.columns.resize((place + 1) * size, 0.0);
+                    let column = &mut self.columns[place * size..];
+                    constraint(model, part, &self.unknown, dof, |k, c| column[k] = c);
+                    factor.solve_with(room, column);
+                    self.known.push(dof);
+                    place
+                }
+            };
             self.held.push(dof);
-            let (held, columns, unknown) = (&self.held, &self.columns, &self.unknown);
+            self.place.push(place as u32);
+            let (held, places) = (&self.held, &self.place);
+            let (columns, unknown) = (&self.columns, &self.unknown);
             self.border.push(row, |k| {
                 let mut sum = 0.0;
-                let column = &columns[k * size..(k + 1) * size];
+                let from = places[k] as usize * size;
+                let column = &columns[from..from + size];
                 constraint(model, part, unknown, dof, |k, c| sum += c * column[k]);
                 if let (Some(part), Some(own), Some(other)) = (part, inside(dof), inside(held[k])) {
                     sum += part.compliance(own)[other];
@@ -227,12 +252,14 @@ impl Scratch {
             self.push.push(-sum);
         }
         self.border.solve(&mut self.push);
-        for (push, column) in self
-            .push
-            .iter()
-            .zip(self.columns.chunks(self.dof.len().max(1)))
-        {
-            add_scaled(&mut self.correction, *push, column);
+        let size = self.dof.len();
+        for (push, place) in self.push.iter().zip(&self.place) {
+            let from = *place as usize * size;
+            add_scaled(
+                &mut self.correction,
+                *push,
+                &self.columns[from..from + size],
+            );
         }
         for (z, dof) in self.correction.iter_mut().zip(&self.dof) {
             if !moves(state, *dof) {

@@ -324,3 +324,20 @@ def test_any_motion_keeps_the_account(seed, build):
             instance.step(float(random.choice([0.001, 0.002, 0.0003, 0.005])))
             closes(instance, start, largest)
             assert np.isfinite(instance.positions()).all()
+
+
+@pytest.mark.parametrize("scheme", ["symplecticEuler", "centralDifference"])
+@pytest.mark.parametrize("pattern", [[5e-4, 1e-4, 2.3e-3], [1e-3, 1e-4]], ids=str)
+def test_uneven_steps_carry_what_tools_hold(scheme, pattern, build):
+    """A grasp that moves on at once, under steps of very different lengths: what that takes comes from the tool, not
+    from the scheme, so no step is refused and nothing but damping dissipates."""
+    problem = plate("uneven", gravity=[0.0, 0.0, -2.0]).set(integration={"scheme": scheme, "damping": 20.0})
+    start = np.array([0.09, 0.025, 0.022])
+    problem.tool("grasper", "grasper", start, radius=0.006)
+    with Instance(build(problem.scene), values={"tool[1].active": True}) as instance:
+        for k in range(60):
+            instance.place(1, start + [0, 0, 0.003 * np.sin(40 * instance.time)])
+            instance.step(pattern[k % len(pattern)])
+            energies = instance.energies()
+            assert energies[4] > -1e-3 * np.abs(energies).max()
+            assert abs(SIGNS @ energies) < 1e-11 * np.abs(energies).max()
