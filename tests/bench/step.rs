@@ -189,7 +189,8 @@ fn precompute(name: &str, text: &str) {
     );
 }
 
-/// 100 000 tetrahedra with 5 000 dynamic ones, and 160 000 to pre-compute. Minutes, and some GB.
+/// 100 000 tetrahedra with 5 000 dynamic ones, and 160 000 to pre-compute. Minutes, and some GB. The host's
+/// steps are even, so that the scene may ask for a substep past the margin for uneven ones.
 fn large() {
     let tool = r#"[{"name": "grasper", "kind": "grasper", "shape": {"sphere": {"radius": 0.008}}, "position": [0.1, 0, 0.03]}]"#;
     let scene = |edge: f64, dynamic: f64| {
@@ -197,16 +198,16 @@ fn large() {
             r#"{{"name": "organ", "mesh": {{"liver": {{"edgeLength": {edge}}}}},
             "materials": [{{"where": {{"all": true}}, "youngModulus": 6000, "poissonRatio": 0.45, "density": 1060}}],
             "fixed": [{{"box": {{"min": [-0.1, 0.02, 0.0], "max": [0.03, 0.2, 0.2]}}}}],
-            "integration": {{"damping": 20}},
+            "integration": {{"damping": 20, "substep": 0.00025}},
             "model": {{"kind": "hybrid", "dynamic": {{"halfSpace": {{"point": [{dynamic}, 0, 0], "normal": [1, 0, 0]}}}},
                 "touchable": {{"sphere": {{"center": [{dynamic}, 0, 0], "radius": 0.03}}}}}},
             "outputs": {{"vertices": "none"}}, "tools": {tool}}}"#
         )
     };
-    let small = scene(0.0059, 0.087);
+    let small = scene(0.0059, 0.0895);
     precompute_large("organ", &small);
     do_step("organ", &small, 1e-3);
-    for modes in [60, 120] {
+    for modes in [60] {
         let key = format!(r#""interfaceModes": {modes}, "touchable""#);
         let reduced = small.replace(r#""touchable""#, &key);
         let name = format!("organ with {modes} modes");
@@ -229,6 +230,8 @@ fn precompute_large(name: &str, text: &str) {
         model.parts.touchable,
         start.elapsed().as_secs_f64()
     );
+    let critical = model.critical_step(model.damping());
+    println!("{name}: critical substep,{:.4},,ms", 1e3 * critical);
     println!("{name}: peak memory,{:.2},,GB", peak_memory());
     let part = model.precomputed.as_ref().expect("a pre-computed part");
     let size = part.interface.size().next_multiple_of(4);
