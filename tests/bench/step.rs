@@ -207,7 +207,7 @@ fn large() {
     let small = scene(0.0059, 0.0895);
     precompute_large("organ", &small);
     do_step("organ", &small, 1e-3);
-    for modes in [60] {
+    for modes in [60, 120] {
         let key = format!(r#""interfaceModes": {modes}, "touchable""#);
         let reduced = small.replace(r#""touchable""#, &key);
         let name = format!("organ with {modes} modes");
