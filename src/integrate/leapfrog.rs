@@ -139,7 +139,9 @@ fn carry_held(
             let behind = 0.5 * lag * v.dot(&lambda);
             trailing += behind;
             state.account.tool_work += behind + 0.5 * h * v_new.dot(&lambda);
-            work.impulse[held.tool.unwrap_or_default() as usize] -= lambda * kick;
+            if let Some(tool) = held.tool {
+                work.impulse[tool as usize] -= lambda * kick;
+            }
             held.fresh = false;
             for axis in (0..3).filter(|a| held.axes[*a]) {
                 state.velocity[i].0[axis] = v_new[axis];

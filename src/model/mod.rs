@@ -42,14 +42,15 @@ use tensor_mass::{Pattern, Tensors};
 /// Share of the guaranteed critical step that a chosen substep may use.
 pub const STEP_MARGIN: f64 = 0.9;
 
-/// Share of the mesh's own critical step that it may use where velocities are half a step behind. Hosts change their communication step, and
-/// with it the substep: two lengths a, b in turn feed a mode where
+/// Share of the mesh's own critical step that it may use where velocities are half a step behind. Hosts
+/// change their communication step, and with it the substep: two lengths a, b in turn feed a mode where
 /// (omega a + omega b)² - (omega a omega b)² > 4, far below the critical step; at half of it no pattern
 /// of two does.
 pub const UNEVEN_STEP_MARGIN: f64 = 0.5;
 
-/// Sweeps over the tensors that one substep of implicit Euler costs (23 on a plate of 759 nodes, 33 on a liver of 1 558). Where symplectic Euler needs more
-/// of them in a haptic period, implicit Euler is the default.
+/// Sweeps over the tensors that one substep of implicit Euler costs (23 on a plate of 759 nodes, 33 on a
+/// liver of 1 558). Where symplectic Euler needs more of them in a haptic period, implicit Euler is the
+/// default.
 const IMPLICIT_SWEEPS: f64 = 30.0;
 
 /// The same where tissue can be cut: a new factor costs as much as 300 to 900 sweeps, at a bad moment.
