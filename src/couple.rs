@@ -87,7 +87,7 @@ impl Before {
     }
 }
 
-/// Follows from the rest of a state. Empty where nothing is pre-computed.
+/// All but `drift` and `seen` follows from the rest of a state. Empty where nothing is pre-computed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Coupling {
     /// a_k
@@ -151,6 +151,12 @@ impl Coupling {
         self.force.clone_from(&other.force);
         self.drift = other.drift;
         self.seen.clone_from(&other.seen);
+    }
+
+    /// Whether any amplitude is another then.
+    pub fn amplitudes_change(&self, model: &Model, gravity: &[f64; 3], time: f64) -> bool {
+        let drives = model.precomputed.iter().flat_map(|part| &part.drives);
+        (drives.zip(&self.amplitude)).any(|(source, a)| source.amplitude(gravity, time) != *a)
     }
 
     /// Whether any amplitude has changed.

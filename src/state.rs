@@ -87,7 +87,7 @@ pub struct State {
     /// v \[m/s\] a known node, `clock.lag` / 2 behind; zero inside unless held by a tool.
     pub velocity: Vec<Lane>,
     pub live: LiveMesh,
-    /// Of the pre-computed part. Follows from the rest.
+    /// Of the pre-computed part. Follows from the rest but for how old positions are.
     pub coupling: Coupling,
     /// Gravity and loads \[N\] a node. Follows from the rest.
     pub external: Vec<Lane>,

@@ -350,9 +350,10 @@ pub(crate) fn update_loads(
     impulse: &mut [Vec3],
     time: f64,
 ) {
-    before.remember(model, &state.coupling);
     let gravity = state.parameters.gravity;
-    if state.coupling.set_amplitudes(model, &gravity, time) {
+    if state.coupling.amplitudes_change(model, &gravity, time) {
+        before.remember(model, &state.coupling);
+        state.coupling.set_amplitudes(model, &gravity, time);
         state.coupling.solve(model, &state.displacement);
         state.account.support_work += gained(model, state, before, impulse);
     }
