@@ -1,9 +1,9 @@
 //! Symplectic Euler and central difference: velocities at half steps, one fused sweep a substep.
 
-use crate::energy::inject;
+use super::{add_inside, sweep};
 use crate::mesh::Vec3;
 use crate::model::Model;
-use crate::model::sweep::{Advance, Motion, Sums};
+use crate::model::sweep::{Advance, Sums};
 use crate::scene::Scheme;
 use crate::state::State;
 use crate::step::{StepError, Workspace, watch};
@@ -18,25 +18,9 @@ pub(super) fn substep(
 ) -> Result<(), StepError> {
     let central = model.scheme() == Scheme::CentralDifference;
     let by = model.advance(state.clock.lag, h, state.parameters.damping);
-    inject(model, &state.coupling, &mut work.partial);
     work.interface.keep(model, state);
-    let moving = model.parts.moving;
-    let mut sums = state.live.sweep(
-        model,
-        &mut Motion {
-            displacement: &mut state.displacement[..moving],
-            velocity: &mut state.velocity[..moving],
-            residual: &mut work.residual,
-            partial: &mut work.partial,
-            external: &state.external[..moving],
-            inverse_mass: &state.inverse_mass[..moving],
-            mass: &state.live.mass[..moving],
-        },
-        &by,
-    );
-    let inside = state.coupling.energy(model);
-    sums.elastic += state.coupling.virial() + 2.0 * inside.elastic;
-    sums.external -= inside.gravity + inside.load;
+    let mut sums = sweep(model, state, work, &by);
+    add_inside(model, state, &mut sums);
     work.interface
         .advance(model, state, &mut work.residual, &by, &mut sums);
     let before = state.account;

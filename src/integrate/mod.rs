@@ -38,26 +38,38 @@ pub(crate) fn substep(
 /// r = f - K u - c M v \[N\] into `work.residual`, at displacements, velocities and loads as they are: a
 /// sweep that moves nothing.
 fn evaluate(model: &Model, state: &mut State, work: &mut Workspace, damping: f64) -> Sums {
-    let moving = model.parts.moving;
     state.coupling.solve(model, &state.displacement);
-    inject(model, &state.coupling, &mut work.partial);
-    let mut sums = state.live.sweep(
+    let mut sums = sweep(
         model,
-        &mut Motion {
-            displacement: &mut state.displacement[..moving],
-            velocity: &mut state.velocity[..moving],
-            residual: &mut work.residual,
-            partial: &mut work.partial,
-            external: &state.external[..moving],
-            inverse_mass: &state.inverse_mass[..moving],
-            mass: &state.live.mass[..moving],
-        },
+        state,
+        work,
         &Advance::symplectic_euler(0.0, 0.0, damping),
     );
+    add_inside(model, state, &mut sums);
+    sums
+}
+
+/// The moving nodes under the force of the pre-computed part as it was last solved.
+fn sweep(model: &Model, state: &mut State, work: &mut Workspace, by: &Advance) -> Sums {
+    let moving = model.parts.moving;
+    inject(model, &state.coupling, &mut work.partial);
+    let mut motion = Motion {
+        displacement: &mut state.displacement[..moving],
+        velocity: &mut state.velocity[..moving],
+        residual: &mut work.residual,
+        partial: &mut work.partial,
+        external: &state.external[..moving],
+        inverse_mass: &state.inverse_mass[..moving],
+        mass: &state.live.mass[..moving],
+    };
+    state.live.sweep(model, &mut motion, by)
+}
+
+/// Energies inside the pre-computed part, in place of the work of its force.
+fn add_inside(model: &Model, state: &State, sums: &mut Sums) {
     let inside = state.coupling.energy(model);
     sums.elastic += state.coupling.virial() + 2.0 * inside.elastic;
     sums.external -= inside.gravity + inside.load;
-    sums
 }
 
 /// Held nodes take the velocity of what holds them. The impulse that takes acts at the mean of the two
