@@ -4,14 +4,62 @@ use crate::contact::geometry::{Capsule, boxes_meet};
 use crate::contact::hold;
 use crate::mesh::Vec3;
 use crate::model::Model;
+use crate::star::Worklist;
 use crate::state::State;
 
-/// Removes one tetrahedron at a substep boundary. Its elastic energy, the kinetic and potential energy
+/// Reused from cut to cut.
+#[derive(Debug, Default)]
+pub struct Scratch {
+    worklist: Worklist,
+    lost: Vec<u32>,
+}
+
+impl Scratch {
+    pub fn new(model: &Model) -> Scratch {
+        let mut scratch = Scratch::default();
+        if model.can_be_cut() {
+            scratch.worklist.reserve(model);
+            scratch.lost.reserve(model.mesh.tetrahedra.len());
+        }
+        scratch
+    }
+}
+
+/// Removes tetrahedra at a substep boundary, then what hangs by a vertex or an edge alone (the star rule), and
+/// brings all that depends on them up to date.
+pub fn event(model: &Model, state: &mut State, scratch: &mut Scratch, chosen: &[u32]) {
+    let first = state.live.removed.len();
+    let mut severs = false;
+    for t in chosen {
+        severs |= remove(model, state, &mut scratch.worklist, *t);
+    }
+    if severs {
+        let cut = state.live.removed.len();
+        while scratch.worklist.next(model, &state.live, &mut scratch.lost) {
+            for t in &scratch.lost {
+                remove(model, state, &mut scratch.worklist, *t);
+            }
+        }
+        for t in &state.live.removed[cut..] {
+            state.live.cleaned_volume += model.shape[*t as usize].volume;
+        }
+    }
+    for at in first..state.live.removed.len() {
+        let t = state.live.removed[at];
+        state.live.sum_again(model, t);
+        for node in model.mesh.tetrahedra[t as usize] {
+            state.refresh_node(model, node as usize);
+            state.refresh_external(model, node as usize);
+        }
+    }
+}
+
+/// Removes one tetrahedron. Its elastic energy, the kinetic and potential energy
 /// of the mass that goes with it, and what its force lacks in the half-step account, count as
-/// dissipated, so that the balance is the same before and after to round-off.
-pub fn remove(model: &Model, state: &mut State, t: u32) {
+/// dissipated, so that the balance is the same before and after to round-off. Whether a star has split.
+fn remove(model: &Model, state: &mut State, worklist: &mut Worklist, t: u32) -> bool {
     if !state.live.alive[t as usize] {
-        return;
+        return false;
     }
     let nodes = model.mesh.tetrahedra[t as usize].map(|v| v as usize);
     let u = nodes.map(|i| state.displacement[i].xyz());
@@ -25,7 +73,6 @@ pub fn remove(model: &Model, state: &mut State, t: u32) {
     let mut lost = 0.0;
     for k in 0..4 {
         let i = nodes[k];
-        state.refresh_node(model, i);
         state.refresh_external(model, i);
         let mass_gone = mass[k] - state.live.mass[i];
         let external_gone = external[k] - state.external[i].xyz();
@@ -39,11 +86,18 @@ pub fn remove(model: &Model, state: &mut State, t: u32) {
         }
     }
     state.account.dissipated += lost;
+    worklist.note(model, &state.live, t)
 }
 
 /// Burns what the active tip of cautery `k` touches: all live tetrahedra within its capsule.
-/// `candidates` is scratch.
-pub fn burn(model: &Model, state: &mut State, k: usize, candidates: &mut Vec<u32>) {
+/// `candidates` is room.
+pub fn burn(
+    model: &Model,
+    state: &mut State,
+    scratch: &mut Scratch,
+    k: usize,
+    candidates: &mut Vec<u32>,
+) {
     let tool = &model.scene.tools[k];
     let capsule = Capsule::of(&tool.shape, &state.tools[k].pose, tool.active_length);
     // A touched tetrahedron has all its vertices within its longest edge of the capsule; twice the
@@ -61,16 +115,14 @@ pub fn burn(model: &Model, state: &mut State, k: usize, candidates: &mut Vec<u32
     }
     candidates.sort_unstable();
     candidates.dedup();
-    for t in candidates.iter() {
+    candidates.retain(|t| {
         let corners: [Vec3; 4] =
             model.mesh.tetrahedra[*t as usize].map(|v| state.position(model, v));
-        if boxes_meet(&corners, &low, &high)
+        boxes_meet(&corners, &low, &high)
             && capsule.may_touch(&corners)
             && capsule.touches_tetrahedron(&corners)
-        {
-            remove(model, state, *t);
-        }
-    }
+    });
+    event(model, state, scratch, candidates);
 }
 
 /// Whether the active tip of cautery `k` touches pre-computed tissue, which cannot be cut.

@@ -25,6 +25,7 @@ pub mod reference;
 pub mod scene;
 pub mod simulation;
 pub mod snapshot;
+pub mod star;
 pub mod state;
 pub mod statics;
 pub mod step;

@@ -1,8 +1,10 @@
 //! The live mesh: what cuts have left of the tissue, its tensors or springs, masses and surface.
 
+use nalgebra::Matrix3;
+
 use crate::mesh::Vec3;
 use crate::mesh::topology::NONE;
-use crate::model::spring_mass::Springs;
+use crate::model::spring_mass::{self, Springs};
 use crate::model::sweep::{Advance, Motion, Sums, sweep};
 use crate::model::tensor_mass::{Lane, Tensors};
 use crate::model::{Model, spring_sweep};
@@ -18,6 +20,8 @@ pub struct LiveMesh {
     pub removed: Vec<u32>,
     /// Rest volume of those \[m³\].
     pub removed_volume: f64,
+    /// The part of it that nobody cut: lost because it hung by a vertex or an edge alone \[m³\].
+    pub cleaned_volume: f64,
     /// Grows with every change.
     pub revision: u64,
     /// Live tetrahedra round each vertex; a vertex at 0 is retired.
@@ -61,7 +65,7 @@ impl LiveMesh {
             let material = model.material(t);
             let shape = &model.shape[t];
             if model.parts.dynamic[t] {
-                live.accumulate(model, t, 1.0);
+                live.accumulate(model, t);
             }
             for node in tetrahedron {
                 live.star_count[*node as usize] += 1;
@@ -86,23 +90,16 @@ impl LiveMesh {
         live
     }
 
-    /// Tensors or springs of dynamic tetrahedron `t`, with a sign.
-    fn accumulate(&mut self, model: &Model, t: usize, sign: f64) {
+    /// Tensors or springs of dynamic tetrahedron `t`.
+    fn accumulate(&mut self, model: &Model, t: usize) {
         let (pattern, nodes) = (&model.pattern, &model.mesh.tetrahedra[t]);
         let (shape, law) = (&model.shape[t], &model.material(t).law);
         match &mut self.springs {
             Some(springs) => {
                 let rest = model.rest_positions(t);
-                springs.accumulate(pattern, nodes, &rest, shape.volume, law, sign);
+                springs.accumulate(pattern, nodes, &rest, shape.volume, law);
             }
-            None => self.tensors.accumulate(pattern, nodes, shape, law, sign),
-        }
-    }
-
-    fn clear(&mut self, model: &Model, i: u32, j: u32) {
-        match &mut self.springs {
-            Some(springs) => springs.clear(&model.pattern, i, j),
-            None => self.tensors.clear(&model.pattern, i, j),
+            None => self.tensors.accumulate(pattern, nodes, shape, law),
         }
     }
 
@@ -127,9 +124,8 @@ impl LiveMesh {
         self.tensors.bytes() + self.springs.as_ref().map_or(0, Springs::bytes)
     }
 
-    /// Removes one live tetrahedron: its tensors or springs, four masses, four faces; exact zeros where a vertex
-    /// or an edge has lost its last. Does nothing to a dead one. Dynamic ones only.
-    /// Returns whether it was alive.
+    /// Removes one live tetrahedron: its four masses and four faces. Its tensors or springs stay until
+    /// [`LiveMesh::sum_again`]. Does nothing to a dead one. Dynamic ones only. Returns whether it was alive.
     pub(crate) fn remove(&mut self, model: &Model, t: u32) -> bool {
         let index = t as usize;
         if !std::mem::replace(&mut self.alive[index], false) {
@@ -137,35 +133,19 @@ impl LiveMesh {
         }
         self.removed.push(t);
         self.revision += 1;
-        let nodes = &model.mesh.tetrahedra[index];
         let shape = &model.shape[index];
-        let material = model.material(index);
         self.removed_volume += shape.volume;
-        self.accumulate(model, index, -1.0);
-        let share = material.density * shape.volume / 4.0;
-        let removes_weight = model.scene.cutting.mass == CutMass::Removed;
-        let guyan = model.has_guyan_mass();
-        let removes_mass = removes_weight && model.scene.integration.mass == Mass::Lumped;
-        for node in nodes {
+        let share = model.material(index).density * shape.volume / 4.0;
+        for node in &model.mesh.tetrahedra[index] {
             let n = *node as usize;
+            let [weight_goes, mass_goes] = goes(model, n);
             self.star_count[n] -= 1;
             if self.star_count[n] == 0 {
                 self.weight[n] = 0.0;
                 self.mass[n] = 0.0;
-                self.clear(model, *node, *node);
             } else {
-                self.weight[n] -= if removes_weight { share } else { 0.0 };
-                let keeps = guyan && n >= model.parts.connected_from();
-                self.mass[n] -= if removes_mass && !keeps { share } else { 0.0 };
-            }
-        }
-        for (a, b) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
-            let (a, b) = (nodes[a], nodes[b]);
-            let survives = model.topology.star(a as usize).iter().any(|s| {
-                self.alive[*s as usize] && model.mesh.tetrahedra[*s as usize].contains(&b)
-            });
-            if !survives {
-                self.clear(model, a, b);
+                self.weight[n] -= if weight_goes { share } else { 0.0 };
+                self.mass[n] -= if mass_goes { share } else { 0.0 };
             }
         }
         for f in model.topology.tetrahedron_faces[index] {
@@ -176,6 +156,80 @@ impl LiveMesh {
             }
         }
         true
+    }
+
+    /// What removed tetrahedron `t` had a share in, summed again over what is left: ten tensors or six springs, four
+    /// masses. In the order of a fresh assembly, so that it equals one to the bit, and exactly zero where
+    /// nothing is left.
+    pub(crate) fn sum_again(&mut self, model: &Model, t: u32) {
+        let nodes = &model.mesh.tetrahedra[t as usize];
+        for j in 0..4 {
+            let mut weight = 0.0;
+            let mut blocks = [Matrix3::zeros(); 4];
+            let mut springs = [0.0; 4];
+            for other in model.topology.star(nodes[j] as usize) {
+                let other = *other as usize;
+                if !self.alive[other] {
+                    continue;
+                }
+                let (shape, material) = (&model.shape[other], model.material(other));
+                weight += material.density * shape.volume / 4.0;
+                if !model.parts.dynamic[other] {
+                    continue;
+                }
+                let corners = &model.mesh.tetrahedra[other];
+                let place = |node: u32| corners.iter().position(|c| *c == node);
+                let Some(own) = place(nodes[j]) else { continue };
+                for k in j..4 {
+                    let Some(to) = place(nodes[k]) else { continue };
+                    if self.springs.is_some() {
+                        if k > j {
+                            let edge = model.mesh.nodes[nodes[k] as usize]
+                                - model.mesh.nodes[nodes[j] as usize];
+                            springs[k] += spring_mass::share(&material.law, shape.volume, &edge);
+                        }
+                        continue;
+                    }
+                    let (low, high) = if nodes[j] <= nodes[k] {
+                        (own, to)
+                    } else {
+                        (to, own)
+                    };
+                    let gradient = &shape.gradient;
+                    blocks[k] +=
+                        material
+                            .law
+                            .stiffness_block(shape.volume, &gradient[low], &gradient[high]);
+                }
+            }
+            for k in j..4 {
+                match &mut self.springs {
+                    Some(all) => all.set(&model.pattern, nodes[j], nodes[k], springs[k]),
+                    None => self
+                        .tensors
+                        .set(&model.pattern, nodes[j], nodes[k], &blocks[k]),
+                }
+            }
+            let n = nodes[j] as usize;
+            let [weight_goes, mass_goes] = goes(model, n);
+            if weight_goes {
+                self.weight[n] = weight;
+            }
+            if mass_goes {
+                self.mass[n] = weight;
+            }
+        }
+    }
+
+    /// Removes tetrahedra that are known to leave a good mesh.
+    pub(crate) fn remove_all(&mut self, model: &Model, chosen: &[u32]) {
+        let first = self.removed.len();
+        for t in chosen {
+            self.remove(model, *t);
+        }
+        for at in first..self.removed.len() {
+            self.sum_again(model, self.removed[at]);
+        }
     }
 
     fn expose(&mut self, face: u32) {
@@ -206,9 +260,8 @@ impl LiveMesh {
     /// Either way the result equals `newer` to the bit.
     pub(crate) fn catch_up(&mut self, model: &Model, newer: &LiveMesh) {
         if newer.removed.starts_with(&self.removed) {
-            for at in self.removed.len()..newer.removed.len() {
-                self.remove(model, newer.removed[at]);
-            }
+            self.remove_all(model, &newer.removed[self.removed.len()..]);
+            self.cleaned_volume = newer.cleaned_volume;
         } else {
             self.copy_from(newer);
         }
@@ -225,6 +278,7 @@ impl LiveMesh {
         self.alive.clone_from(&other.alive);
         self.removed.clone_from(&other.removed);
         self.removed_volume = other.removed_volume;
+        self.cleaned_volume = other.cleaned_volume;
         self.revision = other.revision;
         self.star_count.clone_from(&other.star_count);
         self.tensors.0.clone_from(&other.tensors.0);
@@ -239,6 +293,14 @@ impl LiveMesh {
     pub fn pieces(&self, model: &Model) -> usize {
         component_labels(model, &self.alive).0
     }
+}
+
+/// Whether weight and mass of a node go with its tetrahedra.
+fn goes(model: &Model, node: usize) -> [bool; 2] {
+    let weight = model.scene.cutting.mass == CutMass::Removed;
+    let keeps = model.has_guyan_mass() && node >= model.parts.connected_from();
+    let mass = weight && model.scene.integration.mass == Mass::Lumped && !keeps;
+    [weight, mass]
 }
 
 /// Number of components of the live tetrahedra and the label of each vertex ([`NONE`]: retired).

@@ -4,12 +4,14 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use crate::cut;
 use crate::live::LiveMesh;
 use crate::mesh::Vec3;
 use crate::model::Model;
 use crate::model::dense::dot;
 use crate::model::precomputed::Interface;
 use crate::model::tensor_mass::{Pattern, Tensors};
+use crate::state::State;
 use crate::statics::{self, Factor, Numbering, StaticsError};
 
 /// Node order and tetrahedra as in the scene's mesh.
@@ -42,12 +44,16 @@ pub enum ReferenceError {
 
 /// Prescribed displacements and loads at full value; all scripted cuts made first where `after_cuts`.
 pub fn solve(model: &Model, after_cuts: bool) -> Result<Reference, ReferenceError> {
-    let mut live = model.whole.clone();
-    if after_cuts {
-        for t in model.cuts.iter().flat_map(|cut| &cut.tetrahedra) {
-            live.remove(model, *t);
+    let live = if after_cuts {
+        let mut state = State::new(model);
+        let mut scratch = cut::Scratch::new(model);
+        for scripted in &model.cuts {
+            cut::event(model, &mut state, &mut scratch, &scripted.tetrahedra);
         }
-    }
+        state.live
+    } else {
+        model.whole.clone()
+    };
     let (u, residual) =
         equilibrium(model, &live).map_err(|e| ReferenceError::Statics(model.file.clone(), e))?;
     let mut smallest = f64::INFINITY;
@@ -181,7 +187,7 @@ fn assemble(model: &Model, live: &LiveMesh) -> (Pattern, Tensors) {
     for (t, nodes) in model.mesh.tetrahedra.iter().enumerate() {
         if live.alive[t] {
             let law = &model.material(t).law;
-            tensors.accumulate(&pattern, nodes, &model.shape[t], law, 1.0);
+            tensors.accumulate(&pattern, nodes, &model.shape[t], law);
         }
     }
     (pattern, tensors)

@@ -13,7 +13,7 @@ use crate::model::{Fnv, Model};
 use crate::pose::{Line, Pose, PoseInput};
 use crate::state::{Clock, Factored, Parameters, State, ToolState};
 
-const MAGIC: &[u8; 8] = b"tissueS5";
+const MAGIC: &[u8; 8] = b"tissueS6";
 
 /// Why bytes are not a state of this model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -140,6 +140,7 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
         .removed
         .iter()
         .for_each(|t| out.int(u64::from(*t)));
+    out.real(state.live.cleaned_volume);
     out.int(state.held.len() as u64);
     for held in &state.held {
         out.int(u64::from(held.node));
@@ -214,6 +215,7 @@ pub fn size(state: &State) -> usize {
         + 1
         + state.live.removed.len()
         + 1
+        + 1
         + 11 * state.held.len()
         + 1
         + 8 * state.released.len()
@@ -257,10 +259,12 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     };
     input.xyz(&mut state.displacement)?;
     input.xyz(&mut state.velocity)?;
+    let mut removed = Vec::new();
     for _ in 0..input.index(model.mesh.tetrahedra.len() + 1)? {
-        let t = input.index(model.mesh.tetrahedra.len())?;
-        state.live.remove(model, t as u32);
+        removed.push(input.index(model.mesh.tetrahedra.len())? as u32);
     }
+    state.live.remove_all(model, &removed);
+    state.live.cleaned_volume = input.real()?;
     let supports = model.boundary.prescribed.len();
     state.held.clear();
     for _ in 0..input.index(2 * nodes + 1)? {

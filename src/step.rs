@@ -62,6 +62,7 @@ pub struct Workspace {
     pub(crate) partial: Vec<Lane>,
     touched: Vec<(u32, [u32; 3])>,
     candidates: Vec<u32>,
+    cut: cut::Scratch,
     paths: Vec<Path>,
     pub(crate) impulse: Vec<Vec3>,
     pub(crate) before: Before,
@@ -86,6 +87,7 @@ impl Workspace {
             partial: vec![Lane::default(); nodes],
             touched: Vec::with_capacity(model.topology.faces.len().min(4096)),
             candidates: Vec::with_capacity(4 * model.mesh.tetrahedra.len()),
+            cut: cut::Scratch::new(model),
             paths: Vec::with_capacity(tools),
             impulse: vec![Vec3::zeros(); tools],
             before: Before::with_room(model),
@@ -192,9 +194,7 @@ pub fn advance(
                 break;
             }
             state.cuts_done += 1;
-            for t in &scripted.tetrahedra {
-                cut::remove(model, state, *t);
-            }
+            cut::event(model, state, &mut work.cut, &scripted.tetrahedra);
         }
         let switched = k == 0 && state.tools.iter().any(|t| t.active != t.input_active);
         // Due, or late at the next boundary.
@@ -222,7 +222,7 @@ pub fn advance(
                 regrip(model, state, work, tool);
                 let burns = model.scene.tools[tool].kind == ToolKind::Cautery;
                 if burns && state.tools[tool].active {
-                    cut::burn(model, state, tool, &mut work.candidates);
+                    cut::burn(model, state, &mut work.cut, tool, &mut work.candidates);
                     work.spared = work.spared || cut::spares(model, state, tool);
                 }
             }

@@ -298,14 +298,7 @@ fn removals_leave_what_a_rebuild_makes() {
     for t in (0..count).filter(|t| live.alive[*t]) {
         let (nodes, law) = (&model.mesh.tetrahedra[t], &model.material(t).law);
         let rest = model.rest_positions(t);
-        fresh.accumulate(
-            &model.pattern,
-            nodes,
-            &rest,
-            model.shape[t].volume,
-            law,
-            1.0,
-        );
+        fresh.accumulate(&model.pattern, nodes, &rest, model.shape[t].volume, law);
     }
     let edges = || {
         (0..model.pattern.nodes()).flat_map(|i| {

@@ -153,9 +153,7 @@ impl Scratch {
         let mut then = None;
         if removed.len() < state.live.removed.len() {
             let live = then.insert(model.whole.clone());
-            removed.iter().for_each(|t| {
-                live.remove(model, *t);
-            });
+            live.remove_all(model, removed);
         }
         let live = then.as_ref().unwrap_or(&state.live);
         // What tissue has left altogether stays an unknown, alone.

@@ -20,6 +20,8 @@ pub struct Topology {
     pub faces: Vec<Face>,
     /// Faces of each tetrahedron; the j-th lies opposite its vertex j.
     pub tetrahedron_faces: Vec<[u32; 4]>,
+    /// Tetrahedra behind those faces, or [`NONE`].
+    pub neighbour: Vec<[u32; 4]>,
     star_start: Vec<u32>,
     star: Vec<u32>,
 }
@@ -89,6 +91,7 @@ impl Topology {
         Topology {
             faces,
             tetrahedron_faces,
+            neighbour: partner,
             star_start,
             star,
         }

@@ -372,7 +372,6 @@ pub fn compute(
                 tetrahedron,
                 &model.shape[t],
                 &model.material(t).law,
-                1.0,
             );
         }
     }

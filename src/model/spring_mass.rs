@@ -83,7 +83,7 @@ impl Springs {
         springs
     }
 
-    /// Adds (`sign` +1) or removes (-1) the six springs of one tetrahedron of rest positions `rest`.
+    /// Adds the six springs of one tetrahedron of rest positions `rest`.
     pub fn accumulate(
         &mut self,
         pattern: &Pattern,
@@ -91,19 +91,18 @@ impl Springs {
         rest: &[Vec3; 4],
         volume: f64,
         law: &Hooke,
-        sign: f64,
     ) {
         for (a, b) in EDGES {
             if let Some(stiffness) = self.stiffness_mut(pattern, nodes[a], nodes[b]) {
-                *stiffness += sign * share(law, volume, &(rest[b] - rest[a]));
+                *stiffness += share(law, volume, &(rest[b] - rest[a]));
             }
         }
     }
 
-    /// Exact zero for an edge that no tetrahedron holds any more.
-    pub fn clear(&mut self, pattern: &Pattern, i: u32, j: u32) {
+    /// Replaces k of an edge; a node alone has none.
+    pub(crate) fn set(&mut self, pattern: &Pattern, i: u32, j: u32, k: f64) {
         if let Some(stiffness) = self.stiffness_mut(pattern, i, j) {
-            *stiffness = 0.0;
+            *stiffness = k;
         }
     }
 
@@ -217,7 +216,7 @@ fn pull(k: f64, length: f64, r: &Vec3, w: &Vec3) -> (Vec3, f64) {
 }
 
 /// What a tetrahedron adds to the stiffness of its edge \[N/m\].
-fn share(law: &Hooke, volume: f64, edge: &Vec3) -> f64 {
+pub(crate) fn share(law: &Hooke, volume: f64, edge: &Vec3) -> f64 {
     law.young_modulus_along(&edge.normalize()) * volume / edge.norm_squared()
 }
 

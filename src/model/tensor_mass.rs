@@ -116,15 +116,8 @@ impl Tensors {
         Tensors(vec![0.0; 9 * pattern.column.len() + 3])
     }
 
-    /// Adds (`sign` +1) or removes (-1) one tetrahedron: four vertex tensors, six edge tensors.
-    pub fn accumulate(
-        &mut self,
-        pattern: &Pattern,
-        nodes: &[u32; 4],
-        shape: &Shape,
-        law: &Hooke,
-        sign: f64,
-    ) {
+    /// Adds one tetrahedron: four vertex tensors, six edge tensors.
+    pub fn accumulate(&mut self, pattern: &Pattern, nodes: &[u32; 4], shape: &Shape, law: &Hooke) {
         for j in 0..4 {
             for k in 0..4 {
                 if nodes[j] > nodes[k] {
@@ -133,11 +126,8 @@ impl Tensors {
                 let Some(place) = pattern.place(nodes[j], nodes[k]) else {
                     continue;
                 };
-                let block = law.stiffness_block(
-                    sign * shape.volume,
-                    &shape.gradient[j],
-                    &shape.gradient[k],
-                );
+                let block =
+                    law.stiffness_block(shape.volume, &shape.gradient[j], &shape.gradient[k]);
                 self.add(place, &block);
             }
         }
@@ -161,10 +151,13 @@ impl Tensors {
         }
     }
 
-    /// Exact zero for an edge, or with i = j a vertex, that no tetrahedron holds any more.
-    pub fn clear(&mut self, pattern: &Pattern, i: u32, j: u32) {
+    /// Replaces the tensor of i (with i = j) or of an edge, given as that from the lower to the higher node.
+    pub(crate) fn set(&mut self, pattern: &Pattern, i: u32, j: u32, block: &Matrix3<f64>) {
         if let Some(place) = pattern.place(i.min(j), i.max(j)) {
-            self.0[9 * place..9 * place + 9].fill(0.0);
+            let stored = &mut self.0[9 * place..9 * place + 9];
+            for (k, number) in stored.iter_mut().enumerate() {
+                *number = block[(k / 3, k % 3)];
+            }
         }
     }
 
