@@ -2,8 +2,10 @@
 
 use crate::contact::geometry::{Capsule, boxes_meet};
 use crate::contact::hold;
+use crate::loose;
 use crate::mesh::Vec3;
 use crate::model::Model;
+use crate::pieces::Search;
 use crate::star::Worklist;
 use crate::state::State;
 
@@ -12,6 +14,7 @@ use crate::state::State;
 pub struct Scratch {
     worklist: Worklist,
     lost: Vec<u32>,
+    search: Search,
 }
 
 impl Scratch {
@@ -20,6 +23,7 @@ impl Scratch {
         if model.can_be_cut() {
             scratch.worklist.reserve(model);
             scratch.lost.reserve(model.mesh.tetrahedra.len());
+            scratch.search = Search::new(model);
         }
         scratch
     }
@@ -27,8 +31,15 @@ impl Scratch {
 
 /// Removes tetrahedra at a substep boundary, then what hangs by a vertex or an edge alone (the star rule), and
 /// brings all that depends on them up to date.
-pub fn event(model: &Model, state: &mut State, scratch: &mut Scratch, chosen: &[u32]) {
+pub fn event(
+    model: &Model,
+    state: &mut State,
+    scratch: &mut Scratch,
+    loose: &mut loose::Scratch,
+    chosen: &[u32],
+) {
     let first = state.live.removed.len();
+    let before = loose.before(model, state, chosen);
     let mut severs = false;
     for t in chosen {
         severs |= remove(model, state, &mut scratch.worklist, *t);
@@ -44,6 +55,7 @@ pub fn event(model: &Model, state: &mut State, scratch: &mut Scratch, chosen: &[
             state.live.cleaned_volume += model.shape[*t as usize].volume;
         }
     }
+    (state.live).find_pieces(model, first, severs, &mut scratch.search);
     for at in first..state.live.removed.len() {
         let t = state.live.removed[at];
         state.live.sum_again(model, t);
@@ -52,6 +64,7 @@ pub fn event(model: &Model, state: &mut State, scratch: &mut Scratch, chosen: &[
             state.refresh_external(model, node as usize);
         }
     }
+    state.account.dissipated -= loose.gained(model, state, before, &scratch.search.changed);
 }
 
 /// Removes one tetrahedron. Its elastic energy, the kinetic and potential energy
@@ -69,7 +82,11 @@ fn remove(model: &Model, state: &mut State, worklist: &mut Worklist, t: u32) -> 
     let external = nodes.map(|i| state.external[i].xyz());
     state.live.remove(model, t);
     let h = state.clock.lag;
-    let c = model.lagging_damping(state.parameters.damping);
+    let is_loose = state.live.pieces.is_loose(nodes[0]);
+    let c = match is_loose {
+        false => model.lagging_damping(state.parameters.damping),
+        true => 0.0,
+    };
     let mut lost = 0.0;
     for k in 0..4 {
         let i = nodes[k];
@@ -85,7 +102,10 @@ fn remove(model: &Model, state: &mut State, worklist: &mut Worklist, t: u32) -> 
             hold::release(model, state, |held| held.node as usize == i);
         }
     }
-    state.account.dissipated += lost;
+    // The frame of a loose piece changes: what it loses is found afterwards.
+    if !is_loose || state.live.springs.is_some() {
+        state.account.dissipated += lost;
+    }
     worklist.note(model, &state.live, t)
 }
 
@@ -95,6 +115,7 @@ pub fn burn(
     model: &Model,
     state: &mut State,
     scratch: &mut Scratch,
+    loose: &mut loose::Scratch,
     k: usize,
     candidates: &mut Vec<u32>,
 ) {
@@ -122,7 +143,7 @@ pub fn burn(
             && capsule.may_touch(&corners)
             && capsule.touches_tetrahedron(&corners)
     });
-    event(model, state, scratch, candidates);
+    event(model, state, scratch, loose, candidates);
 }
 
 /// Whether the active tip of cautery `k` touches pre-computed tissue, which cannot be cut.

@@ -16,6 +16,7 @@
 //! the balance, and the watchdog judges it.
 
 use crate::couple::Coupling;
+use crate::loose;
 use crate::mesh::Vec3;
 use crate::model::Model;
 use crate::model::sweep::{Advance, Motion};
@@ -36,6 +37,8 @@ pub struct Account {
     pub made: f64,
     /// The balance at the start.
     pub start: f64,
+    /// Largest elastic and kinetic energy at a haptic tick.
+    pub most: f64,
     /// Haptic ticks in a row on which the residual was too large.
     pub strikes: u32,
 }
@@ -70,6 +73,7 @@ pub struct Scratch {
     velocity: Vec<Lane>,
     residual: Vec<Lane>,
     partial: Vec<Lane>,
+    loose: loose::Scratch,
 }
 
 impl Scratch {
@@ -80,6 +84,7 @@ impl Scratch {
             velocity: zeros.clone(),
             residual: zeros.clone(),
             partial: zeros,
+            loose: loose::Scratch::new(model),
         }
     }
 }
@@ -99,13 +104,28 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Energy {
         .displacement
         .copy_from_slice(&state.displacement[..moving]);
     scratch.velocity.copy_from_slice(&state.velocity[..moving]);
+    let Scratch {
+        loose,
+        displacement,
+        residual,
+        ..
+    } = scratch;
+    loose.measure(model, state);
+    let nodes = state.live.pieces.loose_nodes();
+    let framed = state.live.springs.is_none();
+    if framed {
+        // Their tensors are for another frame.
+        nodes
+            .iter()
+            .for_each(|i| displacement[*i as usize] = Lane::default());
+    }
     inject(model, &state.coupling, &mut scratch.partial);
     let mut sums = state.live.sweep(
         model,
         &mut Motion {
-            displacement: &mut scratch.displacement,
+            displacement,
             velocity: &mut scratch.velocity,
-            residual: &mut scratch.residual,
+            residual,
             partial: &mut scratch.partial,
             external: &state.external[..moving],
             inverse_mass: &state.inverse_mass[..moving],
@@ -113,11 +133,22 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Energy {
         },
         &Advance::symplectic_euler(0.0, 0.0, state.parameters.damping),
     );
+    let mut lagging = sums.lagging;
+    for i in nodes {
+        let i = *i as usize;
+        residual[i] = loose.residual(state, i).into();
+        lagging -= state.live.mass[i] * state.velocity[i].xyz().norm_squared();
+    }
+    if framed {
+        let (elastic, external) = loose.sums(state);
+        sums.elastic += elastic;
+        sums.external += external;
+    }
     let half = 0.5 * state.clock.lag;
     // Power of the residual on free degrees of freedom, and gravity's moment.
     let (mut power, mut moment) = (0.0, Vec3::zeros());
-    for i in 0..scratch.residual.len() {
-        let (v, r) = (&state.velocity[i].0, &scratch.residual[i].0);
+    for i in 0..residual.len() {
+        let (v, r) = (&state.velocity[i].0, &residual[i].0);
         for axis in 0..3 {
             if state.inverse_mass[i].0[axis] > 0.0 {
                 power += v[axis] * r[axis];
@@ -134,7 +165,7 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Energy {
     if let Some(guyan) = &model.guyan {
         let excess = guyan.excess(model, state);
         sums.kinetic += excess;
-        sums.lagging += excess;
+        lagging += excess;
         power -= state.parameters.damping * excess;
     }
     let mut energy = Energy {
@@ -146,15 +177,16 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Energy {
         support_work: state.account.support_work,
         dissipated: state.account.dissipated,
     };
+    // The trailing half of what damping takes at this point.
+    energy.dissipated += loose.taken(state, half);
     if model.scheme() == Scheme::CentralDifference {
-        // The trailing half of what damping takes at this point.
-        energy.dissipated += half * state.parameters.damping * sums.lagging;
+        energy.dissipated += half * state.parameters.damping * lagging;
     }
     for held in &state.held {
         let i = held.node as usize;
         let lambda = match i.checked_sub(moving) {
             Some(inside) => state.coupling.pressure_on(inside),
-            None => -scratch.residual[i].xyz(),
+            None => -residual[i].xyz(),
         };
         let v = &state.velocity[i].0;
         let trailing: f64 = (0..3)

@@ -8,6 +8,7 @@ use crate::model::spring_mass::{self, Springs};
 use crate::model::sweep::{Advance, Motion, Sums, sweep};
 use crate::model::tensor_mass::{Lane, Tensors};
 use crate::model::{Model, spring_sweep};
+use crate::pieces::{Pieces, Search};
 use crate::scene::{CutMass, Mass, ModelKind};
 
 /// Everything that a cut changes. A pure function of the model and of the list of removals in their
@@ -36,6 +37,7 @@ pub struct LiveMesh {
     pub weight: Vec<f64>,
     /// Exposed faces, in no order that means anything.
     pub surface: Vec<u32>,
+    pub pieces: Pieces,
     /// Place of each face in `surface`, or [`NONE`].
     surface_slot: Vec<u32>,
 }
@@ -59,6 +61,7 @@ impl LiveMesh {
             mass: vec![0.0; nodes],
             weight: vec![0.0; nodes],
             surface_slot: vec![NONE; model.topology.faces.len()],
+            pieces: Pieces::whole(model, &vec![true; model.mesh.tetrahedra.len()]),
             ..LiveMesh::default()
         };
         for (t, tetrahedron) in model.mesh.tetrahedra.iter().enumerate() {
@@ -221,8 +224,21 @@ impl LiveMesh {
         }
     }
 
-    /// Removes tetrahedra that are known to leave a good mesh.
-    pub(crate) fn remove_all(&mut self, model: &Model, chosen: &[u32]) {
+    /// After removals, those from the `first` on: which pieces are left.
+    pub(crate) fn find_pieces(
+        &mut self,
+        model: &Model,
+        first: usize,
+        severs: bool,
+        search: &mut Search,
+    ) {
+        let removed = &self.removed[first..];
+        let (alive, count) = (&self.alive, &self.star_count);
+        (self.pieces).update(model, alive, count, removed, severs, search);
+    }
+
+    /// Removes tetrahedra that are known to leave a good mesh, but for what they do to the pieces.
+    fn remove_all(&mut self, model: &Model, chosen: &[u32]) {
         let first = self.removed.len();
         for t in chosen {
             self.remove(model, *t);
@@ -230,6 +246,15 @@ impl LiveMesh {
         for at in first..self.removed.len() {
             self.sum_again(model, self.removed[at]);
         }
+    }
+
+    /// The whole mesh after removals that are known to leave a good one.
+    pub(crate) fn after(model: &Model, removed: &[u32]) -> LiveMesh {
+        let mut live = model.whole.clone();
+        live.reserve(model);
+        live.remove_all(model, removed);
+        live.pieces = Pieces::whole(model, &live.alive);
+        live
     }
 
     fn expose(&mut self, face: u32) {
@@ -262,6 +287,7 @@ impl LiveMesh {
         if newer.removed.starts_with(&self.removed) {
             self.remove_all(model, &newer.removed[self.removed.len()..]);
             self.cleaned_volume = newer.cleaned_volume;
+            self.pieces.copy_from(&newer.pieces);
         } else {
             self.copy_from(newer);
         }
@@ -270,6 +296,7 @@ impl LiveMesh {
     /// Room for every removal, so that none allocates.
     pub(crate) fn reserve(&mut self, model: &Model) {
         self.removed.reserve(model.mesh.tetrahedra.len());
+        self.pieces.reserve();
         self.surface.reserve(model.topology.faces.len());
     }
 
@@ -279,6 +306,7 @@ impl LiveMesh {
         self.removed.clone_from(&other.removed);
         self.removed_volume = other.removed_volume;
         self.cleaned_volume = other.cleaned_volume;
+        self.pieces.copy_from(&other.pieces);
         self.revision = other.revision;
         self.star_count.clone_from(&other.star_count);
         self.tensors.0.clone_from(&other.tensors.0);
@@ -288,11 +316,6 @@ impl LiveMesh {
         self.surface.clone_from(&other.surface);
         self.surface_slot.clone_from(&other.surface_slot);
     }
-
-    /// Connected components through shared vertices.
-    pub fn pieces(&self, model: &Model) -> usize {
-        component_labels(model, &self.alive).0
-    }
 }
 
 /// Whether weight and mass of a node go with its tetrahedra.
@@ -301,37 +324,4 @@ fn goes(model: &Model, node: usize) -> [bool; 2] {
     let keeps = model.has_guyan_mass() && node >= model.parts.connected_from();
     let mass = weight && model.scene.integration.mass == Mass::Lumped && !keeps;
     [weight, mass]
-}
-
-/// Number of components of the live tetrahedra and the label of each vertex ([`NONE`]: retired).
-pub(crate) fn component_labels(model: &Model, alive: &[bool]) -> (usize, Vec<u32>) {
-    let mut label = vec![NONE; model.mesh.nodes.len()];
-    let mut count = 0;
-    let mut queue = Vec::new();
-    for seed in 0..label.len() {
-        let star = |v: usize| {
-            model
-                .topology
-                .star(v)
-                .iter()
-                .filter(|t| alive[**t as usize])
-        };
-        if label[seed] != NONE || star(seed).next().is_none() {
-            continue;
-        }
-        label[seed] = count;
-        queue.push(seed);
-        while let Some(vertex) = queue.pop() {
-            for t in star(vertex) {
-                for other in model.mesh.tetrahedra[*t as usize] {
-                    if label[other as usize] == NONE {
-                        label[other as usize] = count;
-                        queue.push(other as usize);
-                    }
-                }
-            }
-        }
-        count += 1;
-    }
-    (count as usize, label)
 }

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use crate::cut;
 use crate::live::LiveMesh;
+use crate::loose;
 use crate::mesh::Vec3;
 use crate::model::Model;
 use crate::model::dense::dot;
@@ -47,8 +48,15 @@ pub fn solve(model: &Model, after_cuts: bool) -> Result<Reference, ReferenceErro
     let live = if after_cuts {
         let mut state = State::new(model);
         let mut scratch = cut::Scratch::new(model);
+        let mut pieces = loose::Scratch::new(model);
         for scripted in &model.cuts {
-            cut::event(model, &mut state, &mut scratch, &scripted.tetrahedra);
+            cut::event(
+                model,
+                &mut state,
+                &mut scratch,
+                &mut pieces,
+                &scripted.tetrahedra,
+            );
         }
         state.live
     } else {
@@ -115,7 +123,7 @@ pub fn solve(model: &Model, after_cuts: bool) -> Result<Reference, ReferenceErro
 
 /// Displacement \[m\] a node, and the relative residual.
 pub fn equilibrium(model: &Model, live: &LiveMesh) -> Result<(Vec<Vec3>, f64), StaticsError> {
-    if model.count_rigid_modes(&live.alive) > 0 {
+    if live.pieces.rigid_modes > 0 {
         return Err(StaticsError::NotHeld);
     }
     let mut u = vec![Vec3::zeros(); model.mesh.nodes.len()];

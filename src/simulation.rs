@@ -21,7 +21,6 @@ pub struct Simulation {
     scratch: energy::Scratch,
     /// Evaluated when first read after a change.
     energy: Option<Energy>,
-    pieces: Option<(u64, usize)>,
     /// Displacements inside the pre-computed part, brought up to date when first looked at.
     inside: Option<Vec<Lane>>,
     halvings: u32,
@@ -51,7 +50,6 @@ impl Simulation {
             work,
             scratch,
             energy: None,
-            pieces: None,
             inside: None,
             halvings: 0,
             pending: None,
@@ -98,7 +96,6 @@ impl Simulation {
         let old = std::mem::replace(&mut self.state, State::new(&model));
         self.work = Workspace::new(&model, &self.state);
         self.model = model;
-        self.pieces = None;
         for (new, old) in self.state.tools.iter_mut().zip(&old.tools) {
             new.input = old.input;
             new.input_active = old.input_active;
@@ -125,7 +122,6 @@ impl Simulation {
         self.pending = None;
         self.work.spared = false;
         self.halvings = 0;
-        self.pieces = None;
         if !Arc::ptr_eq(&self.model, &self.original) {
             self.model = self.original.clone();
             self.work = Workspace::new(&self.model, &State::new(&self.model));
@@ -247,8 +243,11 @@ impl Simulation {
         let change = self
             .model
             .lagging_damping(value - self.state.parameters.damping);
-        let mut twice_kinetic: f64 = (self.state.live.mass.iter().zip(&self.state.velocity))
-            .map(|(m, v)| m * v.xyz().norm_squared())
+        let State { live, velocity, .. } = &self.state;
+        // Loose pieces book their damping by trapezoids.
+        let held = (0..self.model.parts.moving).filter(|i| !live.pieces.is_loose(*i));
+        let mut twice_kinetic: f64 = held
+            .map(|i| live.mass[i] * velocity[i].xyz().norm_squared())
             .sum();
         if let Some(guyan) = &self.model.guyan {
             twice_kinetic += guyan.excess(&self.model, &self.state);
@@ -318,16 +317,9 @@ impl Simulation {
         self.state.live.surface.len()
     }
 
-    pub fn pieces(&mut self) -> usize {
-        let revision = self.state.live.revision;
-        match self.pieces {
-            Some((known, pieces)) if known == revision => pieces,
-            _ => {
-                let pieces = self.state.live.pieces(&self.model);
-                self.pieces = Some((revision, pieces));
-                pieces
-            }
-        }
+    /// Connected pieces of tissue.
+    pub fn pieces(&self) -> usize {
+        self.state.live.pieces.count
     }
 
     /// Largest stable substep at the present damping \[s\]; 1e9 where nothing can move.
@@ -357,7 +349,6 @@ impl Simulation {
     pub fn restore(&mut self, saved: &State) {
         self.state.copy_from(&self.model, saved);
         self.forget();
-        self.pieces = None;
     }
 
     /// Bytes from which another process restores the state of the same model, to the bit.

@@ -7,6 +7,7 @@ use nalgebra::{Quaternion, UnitQuaternion};
 
 use crate::contact::hold::{Held, Released};
 use crate::energy::Account;
+use crate::live::LiveMesh;
 use crate::mesh::Vec3;
 use crate::model::tensor_mass::Lane;
 use crate::model::{Fnv, Model};
@@ -189,6 +190,7 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
         account.dissipated,
         account.made,
         account.start,
+        account.most,
     ]);
     out.int(u64::from(account.strikes));
     out.reals(state.parameters.gravity);
@@ -220,7 +222,7 @@ pub fn size(state: &State) -> usize {
         + 1
         + 8 * state.released.len()
         + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1) * state.tools.len()
-        + 6
+        + 7
         + 5
         + 2
         + 2
@@ -263,7 +265,7 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     for _ in 0..input.index(model.mesh.tetrahedra.len() + 1)? {
         removed.push(input.index(model.mesh.tetrahedra.len())? as u32);
     }
-    state.live.remove_all(model, &removed);
+    state.live = LiveMesh::after(model, &removed);
     state.live.cleaned_volume = input.real()?;
     let supports = model.boundary.prescribed.len();
     state.held.clear();
@@ -295,7 +297,7 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     for tool in &mut state.tools {
         *tool = read_tool(&mut input)?;
     }
-    let [tool_work, support_work, dissipated, made, start] = input.reals()?;
+    let [tool_work, support_work, dissipated, made, start, most] = input.reals()?;
     let strikes = input.int()? as u32;
     state.account = Account {
         tool_work,
@@ -303,6 +305,7 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
         dissipated,
         made,
         start,
+        most,
         strikes,
     };
     state.parameters = Parameters {

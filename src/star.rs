@@ -34,6 +34,8 @@ pub struct Worklist {
     star: Vec<u32>,
     component: Vec<u32>,
     stack: Vec<u32>,
+    /// A tetrahedron each: its place in the star in hand, or [`NONE`].
+    place: Vec<u32>,
     /// Volume of each component, and whether it must stay.
     volume: Vec<f64>,
     stays: Vec<bool>,
@@ -77,6 +79,7 @@ impl Worklist {
     /// Room for large cuts.
     pub fn reserve(&mut self, model: &Model) {
         let most = model.mesh.tetrahedra.len();
+        self.place.resize(most, NONE);
         self.vertices.items.reserve(most);
         self.edges.items.reserve(most);
         let largest = (0..model.mesh.nodes.len())
@@ -136,6 +139,10 @@ impl Worklist {
         (self.star).extend(model.topology.star(edge[0] as usize).iter().filter(of_edge));
         self.component.clear();
         self.component.resize(self.star.len(), NONE);
+        self.place.resize(model.mesh.tetrahedra.len(), NONE);
+        for (k, t) in self.star.iter().enumerate() {
+            self.place[*t as usize] = k as u32;
+        }
         let mut count = 0;
         for seed in 0..self.star.len() {
             if self.component[seed] != NONE {
@@ -151,15 +158,17 @@ impl Worklist {
                     if *other == NONE || edge.contains(node) {
                         continue;
                     }
-                    if let Ok(place) = self.star.binary_search(other)
-                        && self.component[place] == NONE
-                    {
-                        self.component[place] = count;
-                        self.stack.push(place as u32);
+                    let place = self.place[*other as usize];
+                    if place != NONE && self.component[place as usize] == NONE {
+                        self.component[place as usize] = count;
+                        self.stack.push(place);
                     }
                 }
             }
             count += 1;
+        }
+        for t in &self.star {
+            self.place[*t as usize] = NONE;
         }
         self.volume.clear();
         self.volume.resize(count as usize, 0.0);
@@ -201,10 +210,14 @@ impl Worklist {
         );
     }
 
+    /// Whether some live vertex star is not good.
+    pub fn is_pinched(&mut self, model: &Model, live: &LiveMesh) -> bool {
+        (0..model.mesh.nodes.len() as u32).any(|v| self.split(model, live, [v, v]))
+    }
+
     /// Whether every live star of the mesh is good, vertices and edges.
     pub fn all_good(&mut self, model: &Model, live: &LiveMesh) -> bool {
-        let nodes = model.mesh.nodes.len() as u32;
-        let vertices = (0..nodes).all(|v| !self.split(model, live, [v, v]));
+        let vertices = !self.is_pinched(model, live);
         let mut edge = |t: &[u32; 4], [a, b, ..]: [usize; 4]| self.split(model, live, [t[a], t[b]]);
         vertices
             && (model.mesh.tetrahedra.iter().zip(&live.alive))

@@ -1,11 +1,12 @@
 //! One communication step: n equal substeps, contact and cutting at haptic ticks.
 
 use crate::contact::geometry::Capsule;
-use crate::contact::hold;
+use crate::contact::hold::{self, Held};
 use crate::couple::Before;
 use crate::cut;
 use crate::energy::Account;
 use crate::integrate::{self, implicit_euler, leapfrog, runge_kutta_4};
+use crate::loose;
 use crate::mesh::Vec3;
 use crate::model::sweep::Sums;
 use crate::model::tensor_mass::Lane;
@@ -27,6 +28,8 @@ const RUNAWAY: f64 = 1000.0;
 const MADE_LIMIT: f64 = 0.5;
 /// Round-off of the account, as a share of what it has booked.
 const ROUND_OFF: f64 = 1e-12;
+/// What turning frames may miss, as a share of the most energy there ever was: it stays when the piece has gone.
+const FRAME_SHARE: f64 = 1e-4;
 /// Energies below this \[J\] are not compared.
 const RESIDUAL_FLOOR: f64 = 1e-9;
 /// Substeps one communication step may need; more is a host's slip (a step of hours).
@@ -66,6 +69,9 @@ pub struct Workspace {
     paths: Vec<Path>,
     pub(crate) impulse: Vec<Vec3>,
     pub(crate) before: Before,
+    pub(crate) loose: loose::Scratch,
+    /// Power that damping takes, as evaluated last \[W\].
+    pub(crate) damped: f64,
     pub(crate) interface: guyan::Scratch,
     pub(crate) stages: runge_kutta_4::Scratch,
     pub(crate) implicit: implicit_euler::Scratch,
@@ -91,6 +97,8 @@ impl Workspace {
             paths: Vec::with_capacity(tools),
             impulse: vec![Vec3::zeros(); tools],
             before: Before::with_room(model),
+            loose: loose::Scratch::new(model),
+            damped: 0.0,
             interface: guyan::Scratch::new(model),
             stages: runge_kutta_4::Scratch::new(model),
             implicit: implicit_euler::Scratch::new(model),
@@ -177,7 +185,7 @@ pub fn advance(
 ) -> Result<(), StepError> {
     set_substep(model, state, h);
     if model.scheme() == Scheme::CentralDifference && state.clock.total == 0 {
-        leapfrog::half_step_back(model, state, h);
+        leapfrog::half_step_back(model, state, &mut work.loose, h);
     }
     work.paths.clear();
     for (k, tool) in state.tools.iter().enumerate() {
@@ -194,7 +202,13 @@ pub fn advance(
                 break;
             }
             state.cuts_done += 1;
-            cut::event(model, state, &mut work.cut, &scripted.tetrahedra);
+            cut::event(
+                model,
+                state,
+                &mut work.cut,
+                &mut work.loose,
+                &scripted.tetrahedra,
+            );
         }
         let switched = k == 0 && state.tools.iter().any(|t| t.active != t.input_active);
         // Due, or late at the next boundary.
@@ -214,7 +228,8 @@ pub fn advance(
             for tool in 0..state.tools.len() {
                 look(model, state, tool);
                 work.before.remember(model, &state.coupling);
-                while hold::update(model, state, tool, &mut work.touched) {
+                measure_held(model, state, &mut work.loose);
+                while hold::update(model, state, tool, &work.loose, &mut work.touched) {
                     regrip(model, state, work, tool);
                     look(model, state, tool);
                     work.before.remember(model, &state.coupling);
@@ -222,7 +237,14 @@ pub fn advance(
                 regrip(model, state, work, tool);
                 let burns = model.scene.tools[tool].kind == ToolKind::Cautery;
                 if burns && state.tools[tool].active {
-                    cut::burn(model, state, &mut work.cut, tool, &mut work.candidates);
+                    cut::burn(
+                        model,
+                        state,
+                        &mut work.cut,
+                        &mut work.loose,
+                        tool,
+                        &mut work.candidates,
+                    );
                     work.spared = work.spared || cut::spares(model, state, tool);
                 }
             }
@@ -252,7 +274,8 @@ pub fn advance(
         tool.lines = work.paths[k].lines();
         tool.input.rate = [None; 7];
     }
-    read_forces(model, state);
+    measure_held(model, state, &mut work.loose);
+    read_forces(model, state, &work.loose);
     Ok(())
 }
 
@@ -418,7 +441,10 @@ pub(crate) fn watch(
         };
         let booked = before.dissipated.abs() + before.support_work.abs() + sums.external.abs();
         let in_play = elastic + kinetic + before.tool_work.abs();
-        let limit = RESIDUAL_LIMIT * in_play.max(RESIDUAL_FLOOR) + ROUND_OFF * booked;
+        state.account.most = before.most.max(elastic + kinetic);
+        let limit = RESIDUAL_LIMIT * in_play.max(RESIDUAL_FLOOR)
+            + ROUND_OFF * booked
+            + FRAME_SHARE * before.most;
         let moved = in_play + before.support_work.abs() + (before.dissipated + before.made).abs();
         let grows = model.is_staggered() && before.made > MADE_LIMIT * moved.max(RESIDUAL_FLOOR);
         let strikes = &mut state.account.strikes;
@@ -435,8 +461,16 @@ pub(crate) fn watch(
     Ok(())
 }
 
+/// Before reactions are asked for: those of loose pieces follow from all of the piece.
+fn measure_held(model: &Model, state: &State, loose: &mut loose::Scratch) {
+    let is_loose = |h: &Held| h.tool.is_some() && state.live.pieces.is_loose(h.node as usize);
+    if state.held.iter().any(is_loose) {
+        loose.measure(model, state);
+    }
+}
+
 /// End-of-step force and torque of each tool.
-fn read_forces(model: &Model, state: &mut State) {
+fn read_forces(model: &Model, state: &mut State, loose: &loose::Scratch) {
     for tool in &mut state.tools {
         tool.force = Vec3::zeros();
         tool.torque = Vec3::zeros();
@@ -445,7 +479,7 @@ fn read_forces(model: &Model, state: &mut State) {
     for at in 0..state.held.len() {
         let held = state.held[at];
         let Some(tool) = held.tool else { continue };
-        let force = hold::reaction(model, state, &held);
+        let force = hold::reaction(model, state, loose, &held);
         let position = state.position(model, held.node);
         let tool = &mut state.tools[tool as usize];
         tool.force += force;

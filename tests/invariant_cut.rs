@@ -6,8 +6,9 @@ mod common;
 use std::collections::HashMap;
 
 use tissue::mesh::Vec3;
-use tissue::model::Model;
 use tissue::model::tensor_mass::Tensors;
+use tissue::model::{Model, spectrum};
+use tissue::pieces::Pieces;
 use tissue::simulation::Simulation;
 use tissue::star::Worklist;
 use tissue::state::State;
@@ -42,6 +43,7 @@ fn check(s: &Simulation) {
         assert!(state.live.mass[v] == *m, "mass of {v}");
     }
     assert!(Worklist::default().all_good(model, &state.live));
+    assert!(state.live.pieces == Pieces::whole(model, &state.live.alive));
     // Closed: each edge has two faces, which run along it in opposite directions. Volume enclosed = volume left.
     let mut edges: HashMap<(u32, u32), (u32, i32)> = HashMap::new();
     let mut enclosed = 0.0;
@@ -132,4 +134,73 @@ fn removing_all_leaves_exact_zeros() {
             .all(|m| *m == 0.0)
     );
     s.step(1e-3).unwrap();
+}
+
+/// 10 000 tetrahedra of a block of 20 480 in random order, pressed by a probe and held by a grasper.
+#[test]
+fn random_removals_leave_a_good_mesh() {
+    let count = 20_480u64;
+    // A full cycle: odd factor, 4 k + 1 and odd increment modulo a power of two, less what is out of range.
+    let mut at = 12_345u64;
+    let order: Vec<u64> = std::iter::repeat_with(|| {
+        at = (at * 20_693 + 12_347) % 32_768;
+        at
+    })
+    .filter(|t| *t < count)
+    .take(10_000)
+    .collect();
+    let cuts: Vec<String> = (order.iter().enumerate())
+        .map(|(k, t)| {
+            let time = 0.05 + 1e-4 * k as f64;
+            format!(r#"{{"time": {time}, "where": {{"tetrahedra": [{t}]}}}}"#)
+        })
+        .collect();
+    let text = format!(
+        r#"{{"name": "block", "mesh": {{"box": {{"size": [0.32, 0.16, 0.08], "cells": [32, 16, 8]}}}},
+  "materials": [{{"where": {{"all": true}}, "youngModulus": 20000, "poissonRatio": 0.4, "density": 1000}},
+    {{"where": {{"box": {{"min": [0, 0, 0], "max": [0.16, 0.08, 0.08]}}}}, "youngModulus": 30000, "poissonRatio": 0.3, "density": 1100}}],
+  "fixed": [{{"box": {{"min": [0, 0, 0], "max": [0.32, 0.16, 0]}}}}], "cuts": [{}],
+  "tools": [
+    {{"name": "probe", "kind": "probe", "shape": {{"sphere": {{"radius": 0.02}}}}, "position": [0.1, 0.08, 0.12]}},
+    {{"name": "grasper", "kind": "grasper", "shape": {{"sphere": {{"radius": 0.02}}}}, "position": [0.24, 0.08, 0.08]}}]}}"#,
+        cuts.join(",")
+    );
+    let mut s = common::simulation(&text);
+    s.set_active(1, true);
+    for k in 0..1060 {
+        s.set_pose_input(0, 2, 0.12 - 0.03 * (f64::from(k) / 50.0).min(1.0));
+        s.set_pose_input(1, 2, 0.08 + 0.01 * (f64::from(k) / 50.0).min(1.0));
+        s.step(1e-3).unwrap();
+        if k < 60 {
+            assert!(k < 50 || s.tool(0).in_contact && s.tool(1).in_contact);
+        }
+        if k % 100 == 99 {
+            check(&s);
+            let state = s.state();
+            assert!(
+                state
+                    .displacement
+                    .iter()
+                    .chain(&state.velocity)
+                    .all(|x| x.0[0].is_finite())
+            );
+            let model = s.model();
+            let free = &model.boundary.free[..model.parts.moving];
+            let stiffness = model.stiffness(&state.live.tensors);
+            let highest = spectrum::highest(stiffness, &state.live.mass, free);
+            // Lanczos adds its residual.
+            let limit = model.limiting_frequency() * (1.0 + 1e-3);
+            assert!(
+                s.substep() * highest < 2.0 && highest <= limit,
+                "{k}: {highest} of {limit}"
+            );
+            println!(
+                "{} removed, {:.1} % of the volume cleaned, {} pieces, {:.3} of the critical step",
+                state.live.removed.len(),
+                100.0 * state.live.cleaned_volume / model.report.volume,
+                s.pieces(),
+                s.substep() * highest / 2.0
+            );
+        }
+    }
 }

@@ -39,6 +39,13 @@ fn press_grasp_cut_and_drop(scheme: &str, tolerance: f64) {
         let energy = s.energy();
         scale = scale.max(largest(&energy));
         let residual = energy.balance() - s.state().account.start;
+        // The law is linear until a piece turns in its own frame.
+        let is_linear = s.state().live.pieces.loose_nodes().is_empty();
+        let tolerance = if is_linear {
+            tolerance
+        } else {
+            tolerance.max(1e-5)
+        };
         assert!(
             residual.abs() < tolerance * scale,
             "{scheme}: {residual:e} J of {scale:e} J at step {k}"

@@ -5,6 +5,7 @@
 //! infinite friction.)
 
 use super::geometry::{Capsule, boxes_meet};
+use crate::loose;
 use crate::mesh::Vec3;
 use crate::model::Model;
 use crate::scene::ToolKind;
@@ -64,15 +65,20 @@ pub struct Released {
 const REATTACH_DEPTH: f64 = 0.05;
 
 /// Force of the tissue on whatever holds a node \[N\]: elastic, damping, external; no inertia.
-pub fn reaction(model: &Model, state: &State, held: &Held) -> Vec3 {
+/// `loose` has been measured if the node belongs to a loose piece.
+pub fn reaction(model: &Model, state: &State, loose: &loose::Scratch, held: &Held) -> Vec3 {
     let i = held.node as usize;
     if let Some(inside) = i.checked_sub(model.parts.moving) {
         return -state.coupling.pressure_on(inside);
     }
-    let internal = state.live.internal_force(model, i, &state.displacement)
-        - state.coupling.force_on(model, i);
-    let damping = state.velocity[i].xyz() * (state.parameters.damping * state.live.mass[i]);
-    let force = state.external[i].xyz() - internal - damping;
+    let force = if state.live.pieces.is_loose(i) {
+        loose.residual(state, i)
+    } else {
+        let internal = state.live.internal_force(model, i, &state.displacement)
+            - state.coupling.force_on(model, i);
+        let damping = state.velocity[i].xyz() * (state.parameters.damping * state.live.mass[i]);
+        state.external[i].xyz() - internal - damping
+    };
     Vec3::from_fn(|axis, _| if held.axes[axis] { force[axis] } else { 0.0 })
 }
 
@@ -82,13 +88,14 @@ pub fn feels(model: &Model, state: &State, k: usize) -> bool {
     model.scene.tools[k].kind != ToolKind::Grasper || (is && !was)
 }
 
-/// Updates what tool `k` holds. `touched` is scratch. True where pre-computed tissue has been let go: it
+/// Updates what tool `k` holds. `loose` has been measured where it holds loose tissue; `touched` is scratch. True where pre-computed tissue has been let go: it
 /// springs back at once, so that what is touched then must be asked again.
 #[must_use]
 pub fn update(
     model: &Model,
     state: &mut State,
     k: usize,
+    loose: &loose::Scratch,
     touched: &mut Vec<(u32, [u32; 3])>,
 ) -> bool {
     let tool = &model.scene.tools[k];
@@ -107,7 +114,7 @@ pub fn update(
         ToolKind::Cautery if active => release(model, state, |h| h.tool == Some(k as u32)),
         ToolKind::Probe | ToolKind::Cautery => {
             touch(model, state, k, None, touched);
-            if let_go(model, state, k, touched) {
+            if let_go(model, state, k, loose, touched) {
                 return true;
             }
             attach(model, state, k, touched);
@@ -147,7 +154,13 @@ fn touch(
 
 /// A probe lets go of vertices that pull, and forgets those it has let go once they are apart. Whether
 /// any of them is pre-computed.
-fn let_go(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])]) -> bool {
+fn let_go(
+    model: &Model,
+    state: &mut State,
+    k: usize,
+    loose: &loose::Scratch,
+    touched: &[(u32, [u32; 3])],
+) -> bool {
     let tool = k as u32;
     state.released.retain(|r| {
         r.tool != tool
@@ -162,7 +175,7 @@ fn let_go(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])
             continue;
         }
         let normal = state.tools[k].pose.orientation * held.normal;
-        if reaction(model, state, &held).dot(&normal) < 0.0 {
+        if reaction(model, state, loose, &held).dot(&normal) < 0.0 {
             state
                 .released
                 .retain(|r| r.tool != tool || r.node != held.node);

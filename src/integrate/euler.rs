@@ -21,7 +21,7 @@ pub(super) fn substep(
     let before = state.account;
     let sums = evaluate(model, state, work, state.parameters.damping);
     watch(model, state, &before, &sums, 0.5 * sums.kinetic, 0.0, tick)?;
-    book(model, state, work, &sums, h);
+    book(model, state, work, h);
     for i in 0..model.parts.moving {
         for axis in 0..3 {
             let v = state.velocity[i].0[axis];

@@ -18,8 +18,11 @@
 //! iterations have cost as much as a factor, there is a new one. Which removals a factor contains is part of
 //! the state, so that results do not depend on when a process began.
 
-use super::{book, evaluate, place_held, take_velocity};
+use super::{book, evaluate, take_velocity};
+use crate::contact::hold::Held;
 use crate::energy::inject;
+use crate::live::LiveMesh;
+use crate::loose;
 use crate::mesh::topology::NONE;
 use crate::model::Model;
 use crate::model::dense::{Packed, add_scaled, dot};
@@ -152,8 +155,7 @@ impl Scratch {
         self.factor = None;
         let mut then = None;
         if removed.len() < state.live.removed.len() {
-            let live = then.insert(model.whole.clone());
-            live.remove_all(model, removed);
+            then = Some(LiveMesh::after(model, removed));
         }
         let live = then.as_ref().unwrap_or(&state.live);
         // What tissue has left altogether stays an unknown, alone.
@@ -184,7 +186,9 @@ impl Scratch {
             return;
         };
         let dofs = || {
-            let held = state.held.iter().filter(|h| h.tool.is_some());
+            // Loose tissue is turned: what is held of it is left to the iterations.
+            let fits = |h: &&Held| h.tool.is_some() && !state.live.pieces.is_loose(h.node as usize);
+            let held = state.held.iter().filter(fits);
             held.flat_map(|h| {
                 let axes = (0..3).filter(|a| h.axes[*a]);
                 axes.map(move |a| 3 * h.node + a as u32)
@@ -235,11 +239,12 @@ impl Scratch {
     }
 
     /// z from r: the bordered factor on what is free now.
-    fn precondition(&mut self, model: &Model, state: &State) {
+    fn precondition(&mut self, model: &Model, state: &State, loose: &loose::Scratch) {
+        self.correction.copy_from_slice(&self.residual);
+        self.turn(state, loose, false);
         let Some((factor, room)) = &mut self.factor else {
             return;
         };
-        self.correction.copy_from_slice(&self.residual);
         factor.solve_with(room, &mut self.correction);
         let part = model.precomputed.as_ref();
         self.push.clear();
@@ -259,9 +264,33 @@ impl Scratch {
                 &self.columns[from..from + size],
             );
         }
+        self.turn(state, loose, true);
         for (z, dof) in self.correction.iter_mut().zip(&self.dof) {
             if !moves(state, *dof) {
                 *z = 0.0;
+            }
+        }
+    }
+}
+
+impl Scratch {
+    /// Turns loose nodes' parts of the correction into their frames, or back.
+    fn turn(&mut self, state: &State, loose: &loose::Scratch, back: bool) {
+        let nodes = state.live.pieces.loose_nodes();
+        let dofs = || nodes.iter().flat_map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+        for dof in dofs() {
+            let unknown = self.unknown[dof as usize];
+            self.swept[dof as usize / 3].0[dof as usize % 3] = match unknown {
+                NONE => 0.0,
+                k => self.correction[k as usize],
+            };
+        }
+        loose.turn(state, back, &mut self.swept);
+        for dof in dofs() {
+            let unknown = self.unknown[dof as usize];
+            if unknown != NONE {
+                let turned = self.swept[dof as usize / 3].0[dof as usize % 3];
+                self.correction[unknown as usize] = turned;
             }
         }
     }
@@ -318,14 +347,28 @@ pub(super) fn substep(
     work.implicit.start.copy_from_slice(&work.residual);
     work.implicit.pressure.clone_from(&state.coupling.pressure);
 
-    // With velocities as they are.
+    // With velocities as they are, loose pieces but for their motion as a whole.
+    work.loose.take_off(model, state, h);
+    let damping = state.parameters.damping;
     for i in 0..model.parts.moving {
         for axis in 0..3 {
             state.displacement[i].0[axis] += h * state.velocity[i].0[axis];
         }
     }
-    place_held(state, 1.0, h);
-    evaluate(model, state, work, state.parameters.damping);
+    for held in &state.held {
+        let i = held.node as usize;
+        if work.loose.flies(state, i) {
+            continue;
+        }
+        for axis in (0..3).filter(|a| held.axes[*a]) {
+            state.displacement[i].0[axis] = held.target[axis];
+        }
+    }
+    // A loose piece's is no matrix: damped as much, from the start.
+    work.loose.brake = 1.0 / (1.0 + damping * h);
+    evaluate(model, state, work, damping);
+    work.loose.brake = 1.0;
+    work.loose.add_inertia(model, state, &mut work.residual);
     work.iterations = solve(model, state, work, h);
     if state.factored.removed < state.live.removed.len() {
         state.factored.spent += work.iterations.saturating_sub(1);
@@ -337,11 +380,29 @@ pub(super) fn substep(
         state.displacement[i].0[axis] += h * x;
         twice_lost += state.live.mass[i] * x * x;
     }
+    for (i, _) in work.loose.flying(state) {
+        // What they lose is found from their energy.
+        work.implicit.start[i] = Lane::default();
+        for axis in 0..3 {
+            let unknown = work.implicit.unknown[3 * i + axis];
+            if unknown != NONE {
+                let x = work.implicit.solution[unknown as usize];
+                twice_lost -= state.live.mass[i] * x * x;
+            }
+        }
+    }
 
-    let sums = evaluate(model, state, work, state.parameters.damping);
-    book(model, state, work, &sums, h);
+    work.loose.land(model, state, h);
+    evaluate(model, state, work, state.parameters.damping);
+    let (lost, braked) = work.loose.lost(model, state, &work.residual, h);
+    work.damped -= braked;
+    state.account.dissipated += lost;
+    book(model, state, work, h);
     // |u_+ - u|_K² from the forces at both ends.
-    let mut power = -state.parameters.damping * sums.kinetic;
+    let mut power = -work.damped;
+    for (i, _) in work.loose.flying(state) {
+        work.residual[i] = Lane::default();
+    }
     for i in 0..model.parts.moving {
         let change = work.implicit.start[i].xyz() - work.residual[i].xyz();
         power += state.velocity[i].xyz().dot(&change);
@@ -374,6 +435,7 @@ fn solve(model: &Model, state: &mut State, work: &mut Workspace, h: f64) -> u64 
         implicit: s,
         residual: force,
         partial,
+        loose,
         ..
     } = work;
     for (r, dof) in s.residual.iter_mut().zip(&s.dof) {
@@ -388,13 +450,14 @@ fn solve(model: &Model, state: &mut State, work: &mut Workspace, h: f64) -> u64 
     s.direction.fill(0.0);
     let goal = TOLERANCE * TOLERANCE * dot(&s.residual, &s.residual);
     let shift = (1.0 + state.parameters.damping * h) / (h * h);
+    let undamped = 1.0 / (h * h);
     let moving = model.parts.moving;
     let mut before = 0.0;
     for iteration in 0..MOST_ITERATIONS {
         if dot(&s.residual, &s.residual) <= goal {
             return iteration;
         }
-        s.precondition(model, state);
+        s.precondition(model, state, loose);
         let now = dot(&s.residual, &s.correction);
         let share = if iteration == 0 { 0.0 } else { now / before };
         before = now;
@@ -402,9 +465,13 @@ fn solve(model: &Model, state: &mut State, work: &mut Workspace, h: f64) -> u64 
             *p = z + share * *p;
         }
         // A p by a sweep that moves nothing.
+        for node in state.live.pieces.loose_nodes() {
+            s.swept[*node as usize] = Lane::default();
+        }
         for (p, dof) in s.direction.iter().zip(&s.dof) {
             s.swept[*dof as usize / 3].0[*dof as usize % 3] = *p;
         }
+        loose.turn(state, false, &mut s.swept);
         state.coupling.respond(model, &s.swept);
         inject(model, &state.coupling, partial);
         let motion = &mut Motion {
@@ -418,9 +485,14 @@ fn solve(model: &Model, state: &mut State, work: &mut Workspace, h: f64) -> u64 
         };
         let still = Advance::symplectic_euler(0.0, 0.0, 0.0);
         sweep(&model.pattern, &state.live.tensors, motion, &still);
+        loose.turn(state, true, force);
         for k in 0..s.dof.len() {
             let (i, axis) = (s.dof[k] as usize / 3, s.dof[k] as usize % 3);
             s.product[k] = if moves(state, s.dof[k]) {
+                let shift = match state.live.pieces.is_loose(i) {
+                    false => shift,
+                    true => undamped,
+                };
                 shift * state.live.mass[i] * s.direction[k] - force[i].0[axis]
             } else {
                 0.0

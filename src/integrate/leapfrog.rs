@@ -1,6 +1,7 @@
 //! Symplectic Euler and central difference: velocities at half steps, one fused sweep a substep.
 
 use super::{add_inside, sweep};
+use crate::loose;
 use crate::mesh::Vec3;
 use crate::model::Model;
 use crate::model::sweep::{Advance, Sums};
@@ -19,14 +20,18 @@ pub(super) fn substep(
     let central = model.scheme() == Scheme::CentralDifference;
     let by = model.advance(state.clock.lag, h, state.parameters.damping);
     work.interface.keep(model, state);
-    let mut sums = sweep(model, state, work, &by);
+    let [mut sums, loose] = sweep(model, state, work, &by);
+    let (lag, braked) = (state.clock.lag, work.loose.braked);
     add_inside(model, state, &mut sums);
     work.interface
         .advance(model, state, &mut work.residual, &by, &mut sums);
     let before = state.account;
-    let (sums, trailing, given) = carry_held(model, state, work, sums, &by);
-    let (behind, ahead) = damped(&sums, state.clock.lag, &by, central);
-    let kinetic = kinetic(&sums, state.clock.lag, h);
+    let ([mut sums, loose], trailing, given) = carry_held(model, state, work, [sums, loose], &by);
+    let (mut behind, mut ahead) = damped(&sums, lag, &by, central);
+    behind += 0.5 * lag * braked;
+    ahead += work.loose.taken(state, 0.5 * h);
+    sums += loose;
+    let kinetic = kinetic(&sums, lag, h);
     state.coupling.solve(model, &state.displacement);
     watch(
         model,
@@ -37,7 +42,7 @@ pub(super) fn substep(
         trailing - behind,
         tick,
     )?;
-    let made = made(&sums, state.clock.lag, h) - given;
+    let made = made(&sums, lag, h) - given;
     state.account.made += made;
     state.account.dissipated += behind + ahead - made;
     Ok(())
@@ -70,10 +75,15 @@ fn damped(sums: &Sums, lag: f64, by: &Advance, central: bool) -> (f64, f64) {
 
 /// Central difference is of second order if the velocity before the start is half a substep behind:
 /// v_{-1/2} = -h/2 M^-1 (f_ext - K u). The account's kinetic energy of that is booked.
-pub(crate) fn half_step_back(model: &Model, state: &mut State, h: f64) {
+pub(crate) fn half_step_back(model: &Model, state: &mut State, loose: &mut loose::Scratch, h: f64) {
+    loose.measure(model, state);
     for i in 0..model.parts.moving {
-        let internal = state.live.internal_force(model, i, &state.displacement);
-        let force = state.external[i].xyz() - internal + state.coupling.force_on(model, i);
+        let force = if state.live.pieces.is_loose(i) {
+            loose.residual(state, i)
+        } else {
+            let internal = state.live.internal_force(model, i, &state.displacement);
+            state.external[i].xyz() - internal + state.coupling.force_on(model, i)
+        };
         for axis in 0..3 {
             let gain = state.inverse_mass[i].0[axis];
             state.velocity[i].0[axis] = -0.5 * h * gain * force[axis];
@@ -101,16 +111,17 @@ pub(crate) fn half_step_back(model: &Model, state: &mut State, h: f64) {
     }
 }
 
-/// Moves held nodes to their targets and books impulse and work. Returns the sums with held nodes in,
+/// Moves held nodes to their targets and books impulse and work. Returns the sums, those of loose nodes
+/// apart, with held nodes in,
 /// the trailing half of the work of tools and supports at this point, and the part of theirs that
 /// [`made`] counts too.
 fn carry_held(
     model: &Model,
     state: &mut State,
     work: &mut Workspace,
-    mut sums: Sums,
+    mut sums: [Sums; 2],
     by: &Advance,
-) -> (Sums, f64, f64) {
+) -> ([Sums; 2], f64, f64) {
     let (mut trailing, mut given) = (0.0, 0.0);
     let (lag, h) = (state.clock.lag, by.substep);
     let kick = 0.5 * (lag + h);
@@ -135,6 +146,10 @@ fn carry_held(
         }
         let mass = state.live.mass[i];
         let residual = &work.residual[i].0;
+        let (sums, gain) = match state.live.pieces.is_loose(i) {
+            false => (&mut sums[0], by.gain),
+            true => (&mut sums[1], by.kick),
+        };
         let mut lambda = Vec3::zeros();
         let (mut behind, mut ahead, mut jump) = (0.0, 0.0, 0.0);
         for axis in 0..3 {
@@ -142,7 +157,7 @@ fn carry_held(
                 continue;
             }
             let (v, v_new) = (state.velocity[i].0[axis], held.velocity[axis]);
-            lambda[axis] = mass * (v_new - v) / by.gain - residual[axis];
+            lambda[axis] = mass * (v_new - v) / gain - residual[axis];
             behind += 0.5 * lag * v * lambda[axis];
             ahead += 0.5 * h * v_new * lambda[axis];
             jump += 0.5 * mass * (v_new - v) * (v_new - v);

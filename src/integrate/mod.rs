@@ -39,19 +39,19 @@ pub(crate) fn substep(
 /// sweep that moves nothing.
 fn evaluate(model: &Model, state: &mut State, work: &mut Workspace, damping: f64) -> Sums {
     state.coupling.solve(model, &state.displacement);
-    let mut sums = sweep(
-        model,
-        state,
-        work,
-        &Advance::symplectic_euler(0.0, 0.0, damping),
-    );
+    let by = Advance::symplectic_euler(0.0, 0.0, damping);
+    let [mut sums, loose] = sweep(model, state, work, &by);
+    work.damped = damping * sums.kinetic + work.loose.braked;
+    sums += loose;
     add_inside(model, state, &mut sums);
     sums
 }
 
-/// The moving nodes under the force of the pre-computed part as it was last solved.
-fn sweep(model: &Model, state: &mut State, work: &mut Workspace, by: &Advance) -> Sums {
+/// The moving nodes under the force of the pre-computed part as it was last solved. Sums of those that supports
+/// hold and of the loose ones; elastic energy is all in the first.
+fn sweep(model: &Model, state: &mut State, work: &mut Workspace, by: &Advance) -> [Sums; 2] {
     let moving = model.parts.moving;
+    work.loose.set_aside(model, state);
     inject(model, &state.coupling, &mut work.partial);
     let mut motion = Motion {
         displacement: &mut state.displacement[..moving],
@@ -62,7 +62,14 @@ fn sweep(model: &Model, state: &mut State, work: &mut Workspace, by: &Advance) -
         inverse_mass: &state.inverse_mass[..moving],
         mass: &state.live.mass[..moving],
     };
-    state.live.sweep(model, &mut motion, by)
+    let sums = state.live.sweep(model, &mut motion, by);
+    let Workspace {
+        loose,
+        residual,
+        partial,
+        ..
+    } = work;
+    [sums, loose.carry(model, state, residual, partial, by)]
 }
 
 /// Energies inside the pre-computed part, in place of the work of its force.
@@ -117,8 +124,8 @@ fn place_held(state: &mut State, s: f64, h: f64) {
 
 /// Books what damping, tools and supports do in `seconds` at the forces just evaluated: c v.Mv, and
 /// lambda.v with lambda = -r of what is held.
-fn book(model: &Model, state: &mut State, work: &mut Workspace, sums: &Sums, seconds: f64) {
-    state.account.dissipated += seconds * state.parameters.damping * sums.kinetic;
+fn book(model: &Model, state: &mut State, work: &mut Workspace, seconds: f64) {
+    state.account.dissipated += seconds * work.damped;
     for held in &state.held {
         let i = held.node as usize;
         let all = match i.checked_sub(model.parts.moving) {

@@ -83,7 +83,7 @@ pub(super) fn substep(
             };
             watch(model, state, &before, &sums, 0.5 * sums.kinetic, 0.0, tick)?;
         }
-        book(model, state, work, &sums, weight * h);
+        book(model, state, work, weight * h);
         let next = STAGES.get(stage + 1).map(|(next, _)| next * h);
         let Workspace {
             stages, residual, ..

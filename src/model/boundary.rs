@@ -47,6 +47,8 @@ pub struct Boundary {
     /// Nodes held at rest on some axis.
     pub fixed: Vec<[bool; 3]>,
     pub prescribed: Vec<PrescribedNode>,
+    /// Nodes that are not free on all axes, ascending.
+    pub supported: Vec<u32>,
     /// By node.
     pub loads: Vec<LoadedNode>,
 }
@@ -167,6 +169,7 @@ impl Boundary {
             free: held(&self.free),
             fixed: held(&self.fixed),
             prescribed,
+            supported: Vec::new(),
             loads,
         }
     }

@@ -19,18 +19,19 @@ pub mod tensor_mass;
 
 use crate::element::constant_strain::Shape;
 use crate::law::linear::Hooke;
-use crate::live::{LiveMesh, component_labels};
+use crate::live::LiveMesh;
 use crate::mesh::check::MeshReport;
 use crate::mesh::topology::{Face, NONE, Topology};
 use crate::mesh::{self, MeshError, TetMesh, Vec3};
+use crate::pieces::{Pieces, free_modes};
 use crate::scene::{
     Connection, InterfaceMass, ModelKind, ModelSettings, OutputVertices, Scene, SceneError, Scheme,
     Selector, Start, ToolKind, select_tetrahedra,
 };
+use crate::star::Worklist;
 use crate::statics::StaticsError;
 use boundary::Boundary;
 use guyan::GuyanMass;
-use nalgebra::{Matrix6, SymmetricEigen, Vector6};
 use parts::{Partition, Parts};
 use precomputed::{Precomputed, Progress, Sizes};
 use spectrum::Spectrum;
@@ -115,6 +116,8 @@ pub struct Model {
     scheme: Scheme,
     /// Rigid motions that nothing holds, over all pieces.
     pub rigid_modes: usize,
+    /// Somewhere parts hang together by a vertex alone.
+    pub is_pinched: bool,
     /// By time.
     pub cuts: Vec<ScriptedCut>,
     /// Nodes shown as `surface.vertex`, ascending by scene number.
@@ -224,6 +227,7 @@ impl Model {
             },
             scheme: Scheme::SymplecticEuler,
             rigid_modes: 0,
+            is_pinched: false,
             cuts,
             surface_nodes: Vec::new(),
             longest_edge,
@@ -233,15 +237,18 @@ impl Model {
             mesh,
             scene,
         };
-        model.whole = LiveMesh::whole(&model);
         // A node without tetrahedra has nothing to move.
-        for (free, stars) in model.boundary.free.iter_mut().zip(&model.whole.star_count) {
-            if *stars == 0 {
-                *free = [false; 3];
+        for v in 0..model.mesh.nodes.len() {
+            if model.topology.star(v).is_empty() {
+                model.boundary.free[v] = [false; 3];
+            } else if model.boundary.free[v] != [true; 3] {
+                model.boundary.supported.push(v as u32);
             }
         }
+        model.whole = LiveMesh::whole(&model);
+        model.is_pinched = Worklist::default().is_pinched(&model, &model.whole);
         model.surface_nodes = model.shown_nodes();
-        model.rigid_modes = model.count_rigid_modes(&model.whole.alive);
+        model.rigid_modes = model.whole.pieces.rigid_modes;
         model.check_cuts()?;
         if model.parts.has_precomputed() {
             model.precompute(known.numbers, progress)?;
@@ -523,57 +530,21 @@ impl Model {
             .count()
     }
 
-    /// Rigid motions that nothing holds, over all pieces of what is alive: for each piece 6 less the rank
-    /// of the held axes' rows (e_a, (r x e_a)/size) in the six motions.
-    pub(crate) fn count_rigid_modes(&self, alive: &[bool]) -> usize {
-        self.loose_motions(alive, |v| self.boundary.free[v])
-    }
-
-    /// Those of the pre-computed part alone, its connection nodes free or held.
+    /// Rigid motions that nothing holds, of the pieces of the pre-computed part alone, its connection nodes free or
+    /// held.
     pub fn precomputed_rigid_modes(&self, connection_held: bool) -> usize {
         let inside: Vec<bool> = self.parts.dynamic.iter().map(|d| !d).collect();
+        let pieces = Pieces::whole(self, &inside);
         let moving = self.parts.moving;
-        self.loose_motions(&inside, |v| {
-            if connection_held && v < moving {
-                [false; 3]
-            } else {
-                self.boundary.free[v]
-            }
-        })
-    }
-
-    fn loose_motions(&self, alive: &[bool], free: impl Fn(usize) -> [bool; 3]) -> usize {
-        let (count, label) = component_labels(self, alive);
-        let bounds = &self.report.bounds;
-        let (middle, size) = (
-            (bounds[0] + bounds[1]) * 0.5,
-            (bounds[1] - bounds[0]).norm(),
-        );
-        let mut held = vec![Matrix6::zeros(); count];
-        for v in 0..label.len() {
-            if label[v] == NONE {
-                continue;
-            }
-            let r = (self.mesh.nodes[v] - middle) / size;
-            let free = free(v);
-            for axis in (0..3).filter(|a| !free[*a]) {
-                let e = Vec3::ith(axis, 1.0);
-                let turn = r.cross(&e);
-                let row = Vector6::new(e.x, e.y, e.z, turn.x, turn.y, turn.z);
-                held[label[v] as usize] += row * row.transpose();
-            }
-        }
-        held.into_iter()
-            .map(|gram| {
-                let limit = 1e-10 * gram.trace().max(1.0);
-                let rank = SymmetricEigen::new(gram)
-                    .eigenvalues
-                    .iter()
-                    .filter(|e| **e > limit)
-                    .count();
-                6 - rank
-            })
-            .sum()
+        let modes = |label: usize| {
+            let nodes = (0..pieces.label.len()).filter(|v| pieces.label[*v] as usize == label);
+            free_modes(nodes.map(|v| match v < moving && connection_held {
+                true => (self.mesh.nodes[v], [false; 3]),
+                false => (self.mesh.nodes[v], self.boundary.free[v]),
+            }))
+        };
+        let labels = (0..pieces.label.len()).filter(|v| pieces.label[*v] as usize == *v);
+        labels.map(modes).sum()
     }
 }
 

@@ -56,6 +56,8 @@ pub struct Advance {
     /// What M^-1 r_n is multiplied by \[s\]: k, or k/(1 + c k/2) for central difference, where the kick
     /// k goes from the middle of the substep before to the middle of this one.
     pub gain: f64,
+    /// k \[s\]
+    pub kick: f64,
     /// c \[1/s\], mass-proportional.
     pub damping: f64,
 }
@@ -63,9 +65,11 @@ pub struct Advance {
 impl Advance {
     /// `before`: length of the substep before \[s\].
     pub fn symplectic_euler(before: f64, substep: f64, damping: f64) -> Advance {
+        let kick = 0.5 * (before + substep);
         Advance {
             substep,
-            gain: 0.5 * (before + substep),
+            gain: kick,
+            kick,
             damping,
         }
     }
@@ -75,6 +79,7 @@ impl Advance {
         Advance {
             substep,
             gain: kick / (1.0 + 0.5 * damping * kick),
+            kick,
             damping,
         }
     }
@@ -93,6 +98,16 @@ pub struct Sums {
     pub lagging: f64,
     /// f_ext . u_n \[J\]
     pub external: f64,
+}
+
+impl std::ops::AddAssign for Sums {
+    fn add_assign(&mut self, other: Sums) {
+        self.elastic += other.elastic;
+        self.kinetic += other.kinetic;
+        self.damping += other.damping;
+        self.lagging += other.lagging;
+        self.external += other.external;
+    }
 }
 
 /// Runs one substep.
@@ -140,7 +155,7 @@ pub fn plain(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, by: &Advance)
 
 /// Velocity and displacement of node i once its internal force is complete, and its share of the sums
 /// but the elastic one.
-pub(super) fn advance_node(
+pub(crate) fn advance_node(
     m: &mut Motion,
     i: usize,
     internal: &[f64],

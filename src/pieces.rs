@@ -1,0 +1,564 @@
+//! Connected pieces of live tissue, kept up to date cut by cut, and which of them are loose.
+//!
+//! A piece comes apart only where a star has split (see [`crate::star`]). Then a search goes out from all
+//! tetrahedra next to the cut at once, a few steps each in turn, and ends when all that still search have met:
+//! what has run out of tissue before is a piece of its own. Its cost is that of the smaller parts.
+//!
+//! A piece is loose when supports leave it a rigid motion, whatever tools hold: 6 less the rank of the held axes'
+//! rows (e_a, r x e_a), which leaves 6, 3, 1 or 0 for no, one, collinear, or three fixed nodes. Loose pieces move
+//! in a frame of their own ([`crate::loose`]).
+
+use nalgebra::{Matrix6, SymmetricEigen, Vector6};
+
+use crate::mesh::Vec3;
+use crate::mesh::topology::NONE;
+use crate::model::Model;
+
+/// A pure function of which tetrahedra are alive.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Pieces {
+    /// Lowest node of each node's piece, or [`NONE`] where no tissue is left.
+    pub label: Vec<u32>,
+    pub count: usize,
+    /// Rigid motions that nothing holds, over all pieces.
+    pub rigid_modes: usize,
+    /// Those of the piece labelled by each node, and whether that moves in a frame of its own.
+    modes: Vec<u8>,
+    is_loose: Vec<bool>,
+    /// Nodes of loose pieces, piece by piece in the order of labels, ascending; the end of each.
+    nodes: Vec<u32>,
+    ends: Vec<u32>,
+}
+
+/// Tetrahedra that a group visits before it is the next one's turn.
+const TURN: usize = 8;
+/// A claim of several groups.
+const DISPUTED: u32 = NONE - 1;
+
+/// Room for a search.
+#[derive(Debug, Default)]
+pub struct Search {
+    /// A tetrahedron each: the group that reached it, or [`NONE`]; the one behind it in that group's queue.
+    group: Vec<u32>,
+    behind: Vec<u32>,
+    reached: Vec<u32>,
+    /// A group each: the ends of its queue, a group it has met, its piece, the lowest node of what it reached,
+    /// whether it has somewhere to go.
+    head: Vec<u32>,
+    tail: Vec<u32>,
+    met: Vec<u32>,
+    piece: Vec<u32>,
+    lowest: Vec<u32>,
+    runs: Vec<bool>,
+    /// Whether that piece was loose.
+    before: Vec<bool>,
+    /// A node each: the one group that still searches the piece with that label, or [`NONE`].
+    claim: Vec<u32>,
+    /// Labels of the pieces that are new or another now, and whether what they come from was loose.
+    pub(crate) changed: Vec<(u32, bool)>,
+}
+
+impl Search {
+    pub fn new(model: &Model) -> Search {
+        if !model.can_be_cut() {
+            return Search::default();
+        }
+        let count = model.mesh.tetrahedra.len();
+        let room = || Vec::with_capacity(count);
+        Search {
+            group: vec![NONE; count],
+            behind: vec![NONE; count],
+            reached: room(),
+            head: room(),
+            tail: room(),
+            met: room(),
+            piece: room(),
+            lowest: room(),
+            runs: Vec::with_capacity(count),
+            before: Vec::with_capacity(count),
+            claim: vec![NONE; model.mesh.nodes.len()],
+            changed: Vec::with_capacity(count),
+        }
+    }
+
+    fn note(&mut self, label: u32, was_loose: bool) {
+        if !self.changed.iter().any(|c| c.0 == label) {
+            self.changed.push((label, was_loose));
+        }
+    }
+
+    /// The group that stands for all that a group has met.
+    fn root(&mut self, mut group: u32) -> u32 {
+        while self.met[group as usize] != group {
+            let up = self.met[self.met[group as usize] as usize];
+            self.met[group as usize] = up;
+            group = up;
+        }
+        group
+    }
+
+    fn groups(&self) -> std::ops::Range<u32> {
+        0..self.met.len() as u32
+    }
+
+    /// A group of its own for `t` of a piece.
+    fn start(&mut self, t: u32, piece: u32) {
+        let group = self.met.len() as u32;
+        self.met.push(group);
+        self.piece.push(piece);
+        self.head.push(NONE);
+        self.tail.push(NONE);
+        self.lowest.push(NONE);
+        self.runs.push(false);
+        self.queue(group, t);
+    }
+
+    fn queue(&mut self, group: u32, t: u32) {
+        self.group[t as usize] = group;
+        self.behind[t as usize] = NONE;
+        self.reached.push(t);
+        let tail = std::mem::replace(&mut self.tail[group as usize], t);
+        if self.head[group as usize] == NONE {
+            self.head[group as usize] = t;
+        } else {
+            self.behind[tail as usize] = t;
+        }
+    }
+
+    /// Goes on until in each piece all groups that still have somewhere to go have met. Whether in one there are groups
+    /// that have not.
+    fn run(&mut self, model: &Model, alive: &[bool]) -> bool {
+        loop {
+            let mut disputed = false;
+            for group in self.groups() {
+                if self.head[group as usize] != NONE {
+                    let root = self.root(group);
+                    disputed |= self.claim(group, root);
+                }
+            }
+            for group in self.groups() {
+                let piece = self.piece[group as usize] as usize;
+                if self.claim[piece] == DISPUTED {
+                    self.spread(model, alive, group);
+                }
+            }
+            self.release();
+            if !disputed {
+                break;
+            }
+        }
+        let mut several = false;
+        for group in self.groups() {
+            let root = self.root(group);
+            self.runs[root as usize] |= self.head[group as usize] != NONE;
+            several |= self.claim(group, root);
+        }
+        // Disputed pieces are those that have come apart.
+        several
+    }
+
+    /// Claims a group's piece for its root. Whether another has.
+    fn claim(&mut self, group: u32, root: u32) -> bool {
+        let claim = &mut self.claim[self.piece[group as usize] as usize];
+        if *claim == NONE {
+            *claim = root;
+        } else if *claim != root {
+            *claim = DISPUTED;
+        }
+        *claim == DISPUTED
+    }
+
+    fn release(&mut self) {
+        for piece in &self.piece {
+            self.claim[*piece as usize] = NONE;
+        }
+    }
+
+    fn spread(&mut self, model: &Model, alive: &[bool], group: u32) {
+        for _ in 0..TURN {
+            let t = self.head[group as usize];
+            if t == NONE {
+                break;
+            }
+            self.head[group as usize] = self.behind[t as usize];
+            for other in model.topology.neighbour[t as usize] {
+                if other == NONE || !alive[other as usize] {
+                    continue;
+                }
+                match self.group[other as usize] {
+                    NONE => self.queue(group, other),
+                    there if there == group => {}
+                    there => {
+                        let (a, b) = (self.root(there), self.root(group));
+                        self.met[a.max(b) as usize] = a.min(b);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Whether `t` is of a part that has come off: not of what still searched when the others were done.
+    fn is_off(&mut self, t: u32) -> Option<usize> {
+        let root = self.root(self.group[t as usize]) as usize;
+        let piece = self.piece[root] as usize;
+        (self.claim[piece] == DISPUTED && !self.runs[root]).then_some(root)
+    }
+
+    fn clear(&mut self) {
+        self.release();
+        for t in &self.reached {
+            self.group[*t as usize] = NONE;
+        }
+        self.reached.clear();
+        self.head.clear();
+        self.tail.clear();
+        self.met.clear();
+        self.piece.clear();
+        self.lowest.clear();
+        self.runs.clear();
+    }
+}
+
+impl Pieces {
+    /// Of all that is alive.
+    pub fn whole(model: &Model, alive: &[bool]) -> Pieces {
+        let mut pieces = Pieces::default();
+        pieces.find_all(model, alive);
+        pieces
+    }
+
+    /// Room for any division.
+    pub(crate) fn reserve(&mut self) {
+        self.nodes.reserve(self.label.len());
+        self.ends.reserve(self.label.len());
+    }
+
+    /// Keeps the room that there is.
+    pub(crate) fn copy_from(&mut self, other: &Pieces) {
+        self.label.clone_from(&other.label);
+        self.count = other.count;
+        self.rigid_modes = other.rigid_modes;
+        self.modes.clone_from(&other.modes);
+        self.is_loose.clone_from(&other.is_loose);
+        self.nodes.clone_from(&other.nodes);
+        self.ends.clone_from(&other.ends);
+    }
+
+    fn find_all(&mut self, model: &Model, alive: &[bool]) {
+        let nodes = model.mesh.nodes.len();
+        self.label.clear();
+        self.label.resize(nodes, NONE);
+        self.modes.clear();
+        self.modes.resize(nodes, 0);
+        self.is_loose.clear();
+        self.is_loose.resize(nodes, false);
+        (self.count, self.rigid_modes) = (0, 0);
+        let mut queue = Vec::new();
+        let star = |v: usize| {
+            let star = model.topology.star(v).iter();
+            star.filter(|t| alive[**t as usize])
+        };
+        for seed in 0..nodes {
+            if self.label[seed] != NONE || star(seed).next().is_none() {
+                continue;
+            }
+            self.label[seed] = seed as u32;
+            queue.push(seed);
+            while let Some(vertex) = queue.pop() {
+                for t in star(vertex) {
+                    for other in model.mesh.tetrahedra[*t as usize] {
+                        if self.label[other as usize] == NONE {
+                            self.label[other as usize] = seed as u32;
+                            queue.push(other as usize);
+                        }
+                    }
+                }
+            }
+            self.count += 1;
+        }
+        for v in 0..nodes as u32 {
+            if self.label[v as usize] == v {
+                self.count_modes(model, v);
+            }
+        }
+        self.list(model);
+    }
+
+    /// Rigid motions that supports leave a piece.
+    fn count_modes(&mut self, model: &Model, label: u32) {
+        let held = model.boundary.supported.iter();
+        let held = held.filter(|v| self.label[**v as usize] == label);
+        let free = free_modes(held.map(|v| {
+            let v = *v as usize;
+            (model.mesh.nodes[v], model.boundary.free[v])
+        }));
+        self.set_modes(label, free);
+    }
+
+    fn set_modes(&mut self, label: u32, modes: usize) {
+        let before = std::mem::replace(&mut self.modes[label as usize], modes as u8);
+        self.rigid_modes = self.rigid_modes + modes - usize::from(before);
+        self.is_loose[label as usize] = modes > 0;
+    }
+
+    /// Lists the nodes of loose pieces. One with pre-computed tissue in it has no frame.
+    fn list(&mut self, model: &Model) {
+        self.nodes.clear();
+        self.ends.clear();
+        if model.parts.has_precomputed() {
+            for v in model.parts.connected_from()..self.label.len() {
+                if self.label[v] != NONE {
+                    self.is_loose[self.label[v] as usize] = false;
+                }
+            }
+        }
+        for v in 0..model.parts.moving {
+            if self.label[v] != NONE && self.is_loose[self.label[v] as usize] {
+                self.nodes.push(v as u32);
+            }
+        }
+        let label = &self.label;
+        self.nodes
+            .sort_unstable_by_key(|v| (label[*v as usize], *v));
+        for (k, v) in self.nodes.iter().enumerate() {
+            let next = self.nodes.get(k + 1);
+            if next.is_none_or(|next| label[*next as usize] != label[*v as usize]) {
+                self.ends.push(k as u32 + 1);
+            }
+        }
+    }
+
+    /// Nodes of loose pieces.
+    pub fn loose_nodes(&self) -> &[u32] {
+        &self.nodes
+    }
+
+    /// Ranges of [`Pieces::loose_nodes`], one a piece.
+    pub fn loose(&self) -> impl Iterator<Item = std::ops::Range<usize>> + '_ {
+        let start = |k: usize| k.checked_sub(1).map_or(0, |k| self.ends[k] as usize);
+        (0..self.ends.len()).map(move |k| start(k)..self.ends[k] as usize)
+    }
+
+    /// Place of the loose piece with a label among them, and its range.
+    pub(crate) fn loose_piece(&self, label: u32) -> Option<(usize, std::ops::Range<usize>)> {
+        let last = |end: &u32| self.label[self.nodes[*end as usize - 1] as usize];
+        let at = self.ends.binary_search_by_key(&label, last).ok()?;
+        let start = at.checked_sub(1).map_or(0, |k| self.ends[k] as usize);
+        Some((at, start..self.ends[at] as usize))
+    }
+
+    /// Whether a node belongs to a loose piece.
+    pub fn is_loose(&self, node: usize) -> bool {
+        !self.nodes.is_empty()
+            && self.label[node] != NONE
+            && self.is_loose[self.label[node] as usize]
+    }
+
+    /// After `removed` went, `star_count` live tetrahedra being left round each node: `severs` if a star has split
+    /// on the way.
+    pub(crate) fn update(
+        &mut self,
+        model: &Model,
+        alive: &[bool],
+        star_count: &[u32],
+        removed: &[u32],
+        severs: bool,
+        search: &mut Search,
+    ) {
+        search.changed.clear();
+        if model.is_pinched {
+            // Vertices that hold parts together do not show in stars.
+            let before = self.clone();
+            self.find_all(model, alive);
+            for node in self
+                .nodes
+                .iter()
+                .filter(|v| self.label[**v as usize] == **v)
+            {
+                let old = before.label[*node as usize];
+                let was_loose = before.is_loose[old as usize];
+                if !was_loose || old != *node {
+                    search.note(*node, was_loose);
+                }
+            }
+            return;
+        }
+        let mut lists = false;
+        for v in removed
+            .iter()
+            .flat_map(|t| model.mesh.tetrahedra[*t as usize])
+        {
+            let label = self.label[v as usize];
+            if star_count[v as usize] > 0 || label == NONE {
+                continue;
+            }
+            self.label[v as usize] = NONE;
+            let was_loose = self.is_loose[label as usize];
+            lists |= was_loose;
+            let mut name = label;
+            if label == v {
+                name = self.rename(v);
+                let renamed = search.changed.iter_mut().filter(|c| c.0 == v);
+                renamed.for_each(|c| c.0 = name);
+            }
+            let supported = model.boundary.free[v as usize] != [true; 3];
+            if name != NONE && (supported || (name != label && was_loose)) {
+                search.note(name, was_loose);
+            }
+        }
+        if severs {
+            self.divide(model, alive, removed, search);
+        }
+        for (label, was_loose) in &search.changed {
+            if *label != NONE && self.label[*label as usize] == *label {
+                self.count_modes(model, *label);
+                lists |= *was_loose || self.is_loose[*label as usize];
+            }
+        }
+        if lists {
+            self.list(model);
+        }
+    }
+
+    /// The piece that was named after node `old` has lost it: its new name, or [`NONE`] where nothing of it is
+    /// left.
+    fn rename(&mut self, old: u32) -> u32 {
+        let mut new = NONE;
+        for v in 0..self.label.len() {
+            if self.label[v] == old {
+                new = new.min(v as u32);
+                self.label[v] = new;
+            }
+        }
+        let modes = usize::from(self.modes[old as usize]);
+        self.set_modes(old, 0);
+        if new == NONE {
+            self.count -= 1;
+        } else {
+            self.set_modes(new, modes);
+        }
+        new
+    }
+
+    /// Finds which pieces the cut has divided. Those that are new, or lost some, are noted as changed.
+    fn divide(&mut self, model: &Model, alive: &[bool], removed: &[u32], search: &mut Search) {
+        for t in removed {
+            for t in model.topology.neighbour[*t as usize] {
+                if t != NONE && alive[t as usize] && search.group[t as usize] == NONE {
+                    let node = model.mesh.tetrahedra[t as usize][0];
+                    search.start(t, self.label[node as usize]);
+                }
+            }
+        }
+        if search.run(model, alive) {
+            self.part(model, search);
+        }
+        search.clear();
+    }
+
+    /// Names what a search has found to be apart.
+    fn part(&mut self, model: &Model, search: &mut Search) {
+        for k in 0..search.reached.len() {
+            let t = search.reached[k];
+            let Some(root) = search.is_off(t) else {
+                continue;
+            };
+            for node in model.mesh.tetrahedra[t as usize] {
+                search.lowest[root] = search.lowest[root].min(node);
+                self.label[node as usize] = NONE;
+            }
+        }
+        // What there is of changes so far has names from before.
+        search.before.clear();
+        for group in search.groups() {
+            let old = search.piece[group as usize];
+            search.before.push(self.is_loose[old as usize]);
+        }
+        for group in search.groups() {
+            let old = search.piece[group as usize];
+            let was_loose = search.before[group as usize];
+            let is_root = search.met[group as usize] == group;
+            if !is_root || search.claim[old as usize] != DISPUTED {
+                continue;
+            }
+            self.count += 1;
+            if search.runs[group as usize] {
+                // The rest, which keeps the name if it has the node.
+                self.count -= 1;
+                let rest = match self.label[old as usize] {
+                    NONE => self.rename(old),
+                    name => name,
+                };
+                search.note(rest, was_loose);
+            } else {
+                search
+                    .changed
+                    .push((search.lowest[group as usize], was_loose));
+            }
+        }
+        for k in 0..search.reached.len() {
+            let t = search.reached[k];
+            if let Some(root) = search.is_off(t) {
+                for node in model.mesh.tetrahedra[t as usize] {
+                    self.label[node as usize] = search.lowest[root];
+                }
+            }
+        }
+        // Pieces of which no part still searched.
+        for group in search.groups() {
+            let old = search.piece[group as usize];
+            let has_rest = |g: u32| search.runs[g as usize] && search.piece[g as usize] == old;
+            if search.claim[old as usize] == DISPUTED && !search.groups().any(has_rest) {
+                search.claim[old as usize] = NONE;
+                self.count -= 1;
+            }
+        }
+    }
+}
+
+/// 6 less the rank of the held axes' rows in the six rigid motions, of nodes at positions \[m\] with their
+/// free axes.
+pub fn free_modes(held: impl Iterator<Item = (Vec3, [bool; 3])> + Clone) -> usize {
+    if holds_all(held.clone()) {
+        return 0;
+    }
+    let count = held.clone().count();
+    let middle = held.clone().map(|(at, _)| at).sum::<Vec3>() / count.max(1) as f64;
+    let size = (held.clone())
+        .map(|(at, _)| (at - middle).norm())
+        .fold(f64::MIN_POSITIVE, f64::max);
+    let mut gram = Matrix6::zeros();
+    for (at, free) in held {
+        let r = (at - middle) / size;
+        for axis in (0..3).filter(|a| !free[*a]) {
+            let e = Vec3::ith(axis, 1.0);
+            let turn = r.cross(&e);
+            let row = Vector6::new(e.x, e.y, e.z, turn.x, turn.y, turn.z);
+            gram += row * row.transpose();
+        }
+    }
+    let limit = 1e-10 * gram.trace();
+    let eigenvalues = SymmetricEigen::new(gram).eigenvalues;
+    6 - eigenvalues.iter().filter(|e| **e > limit).count()
+}
+
+/// Whether there are three nodes held on all axes that are clearly not in line.
+fn holds_all(held: impl Iterator<Item = (Vec3, [bool; 3])>) -> bool {
+    let mut fixed = held
+        .filter(|(_, free)| *free == [false; 3])
+        .map(|(at, _)| at);
+    let Some(first) = fixed.next() else {
+        return false;
+    };
+    let mut along = Vec3::zeros();
+    for at in fixed {
+        let from = at - first;
+        if along.cross(&from).norm() > 1e-2 * along.norm() * from.norm() {
+            return true;
+        }
+        if from.norm() > along.norm() {
+            along = from;
+        }
+    }
+    false
+}
