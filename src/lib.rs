@@ -28,3 +28,4 @@ pub mod snapshot;
 pub mod state;
 pub mod statics;
 pub mod step;
+pub mod tear;

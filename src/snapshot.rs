@@ -13,7 +13,7 @@ use crate::model::{Fnv, Model};
 use crate::pose::{Line, Pose, PoseInput};
 use crate::state::{Clock, Factored, Parameters, State, ToolState};
 
-const MAGIC: &[u8; 8] = b"tissueS5";
+const MAGIC: &[u8; 8] = b"tissueS6";
 
 /// Why bytes are not a state of this model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -193,6 +193,7 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
     out.reals(state.parameters.gravity);
     out.real(state.parameters.damping);
     out.int(u64::from(state.parameters.damping_set));
+    out.real(state.parameters.tearing_threshold);
     out.int(state.cuts_done as u64);
     out.real(state.coupling.drift);
     state.coupling.seen.iter().for_each(|d| out.real(*d));
@@ -219,7 +220,7 @@ pub fn size(state: &State) -> usize {
         + 8 * state.released.len()
         + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1) * state.tools.len()
         + 6
-        + 5
+        + 6
         + 2
         + 2
         + 2
@@ -305,6 +306,7 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
         gravity: input.reals()?,
         damping: input.real()?,
         damping_set: input.flag()?,
+        tearing_threshold: input.real()?,
     };
     state.cuts_done = input.index(model.cuts.len() + 1)?;
     let drift = input.real()?;
