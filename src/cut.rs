@@ -51,6 +51,7 @@ pub fn event(
                 remove(model, state, &mut scratch.worklist, *t);
             }
         }
+        state.live.cleaned += state.live.removed.len() - cut;
         for t in &state.live.removed[cut..] {
             state.live.cleaned_volume += model.shape[*t as usize].volume;
         }

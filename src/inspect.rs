@@ -12,6 +12,7 @@ use crate::model::{Model, critical_step};
 use crate::scene::{InterfaceMass, ModelKind, Scheme, ToolKind};
 use crate::state::State;
 use crate::step::{Workspace, advance};
+use crate::tear;
 
 /// Keys as `inspect --json` writes them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -206,6 +207,17 @@ pub fn warnings(model: &Model) -> Vec<String> {
     let cauteries = (model.scene.tools.iter()).any(|t| t.kind == ToolKind::Cautery);
     if cauteries && !model.parts.dynamic.contains(&true) {
         warnings.push("a cautery has nothing to cut: all tissue is pre-computed".to_string());
+    }
+    if model.scene.tearing.is_some() {
+        if !model.parts.dynamic.contains(&true) {
+            warnings.push("nothing can tear: all tissue is pre-computed".to_string());
+        }
+        let past = tear::past_threshold(model, &State::new(model)).len();
+        if past > 0 {
+            warnings.push(format!(
+                "{past} tetrahedra are past tearing.threshold at the start and tear at once"
+            ));
+        }
     }
     let (damping, critical) = (model.damping(), model.critical_step(model.damping()));
     let substep = model.substep(damping);

@@ -31,3 +31,4 @@ pub mod star;
 pub mod state;
 pub mod statics;
 pub mod step;
+pub mod tear;

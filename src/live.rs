@@ -21,7 +21,8 @@ pub struct LiveMesh {
     pub removed: Vec<u32>,
     /// Rest volume of those \[m³\].
     pub removed_volume: f64,
-    /// The part of it that nobody cut: lost because it hung by a vertex or an edge alone \[m³\].
+    /// Those among them that nobody cut: lost because they hung by a vertex or an edge alone. Their volume \[m³\].
+    pub cleaned: usize,
     pub cleaned_volume: f64,
     /// Grows with every change.
     pub revision: u64,
@@ -286,6 +287,7 @@ impl LiveMesh {
     pub(crate) fn catch_up(&mut self, model: &Model, newer: &LiveMesh) {
         if newer.removed.starts_with(&self.removed) {
             self.remove_all(model, &newer.removed[self.removed.len()..]);
+            self.cleaned = newer.cleaned;
             self.cleaned_volume = newer.cleaned_volume;
             self.pieces.copy_from(&newer.pieces);
         } else {
@@ -305,6 +307,7 @@ impl LiveMesh {
         self.alive.clone_from(&other.alive);
         self.removed.clone_from(&other.removed);
         self.removed_volume = other.removed_volume;
+        self.cleaned = other.cleaned;
         self.cleaned_volume = other.cleaned_volume;
         self.pieces.copy_from(&other.pieces);
         self.revision = other.revision;

@@ -203,6 +203,39 @@ impl Scratch {
         }
     }
 
+    /// Where loose nodes are in their frames.
+    pub fn locate(&mut self, model: &Model, state: &State) {
+        for piece in state.live.pieces.loose() {
+            self.locate_piece(model, state, piece);
+        }
+    }
+
+    /// w of a loose node \[m\], as located.
+    pub fn local(&self, node: u32) -> Vec3 {
+        self.local[node as usize].xyz()
+    }
+
+    fn locate_piece(
+        &mut self,
+        model: &Model,
+        state: &State,
+        piece: std::ops::Range<usize>,
+    ) -> Frame {
+        let nodes = &state.live.pieces.loose_nodes()[piece];
+        let frame = Frame::of(model, &state.live.mass, nodes, |i| {
+            (state.displacement[i].xyz(), state.velocity[i].xyz())
+        });
+        for node in nodes {
+            let i = *node as usize;
+            let u = &state.displacement[i];
+            self.local[i] = match state.live.springs {
+                Some(_) => *u,
+                None => frame.local(&model.mesh.nodes[i], &u.xyz()).into(),
+            };
+        }
+        frame
+    }
+
     fn make_room(&mut self, state: &State) {
         let count = state.live.pieces.loose_nodes().len();
         self.force.resize(count, Vec3::zeros());
@@ -219,17 +252,7 @@ impl Scratch {
     ) -> (Frame, f64) {
         let live = &state.live;
         let nodes = &live.pieces.loose_nodes()[piece.clone()];
-        let frame = Frame::of(model, &live.mass, nodes, |i| {
-            (state.displacement[i].xyz(), state.velocity[i].xyz())
-        });
-        for node in nodes {
-            let i = *node as usize;
-            let u = &state.displacement[i];
-            self.local[i] = match live.springs {
-                Some(_) => *u,
-                None => frame.local(&model.mesh.nodes[i], &u.xyz()).into(),
-            };
-        }
+        let frame = self.locate_piece(model, state, piece.clone());
         let mut elastic = 0.0;
         for (k, node) in piece.clone().zip(nodes) {
             let force = live.internal_force(model, *node as usize, &self.local);

@@ -106,6 +106,7 @@ impl Simulation {
         if old.parameters.damping_set {
             self.set_damping(old.parameters.damping);
         }
+        self.set_tearing_threshold(old.parameters.tearing_threshold);
         Ok(true)
     }
 
@@ -127,6 +128,7 @@ impl Simulation {
             self.work = Workspace::new(&self.model, &State::new(&self.model));
         }
         self.state = State::new(&self.model);
+        self.work.tears.forget();
         self.forget();
     }
 
@@ -264,6 +266,11 @@ impl Simulation {
         self.restart_account();
     }
 
+    /// Relative change of volume or length above which tetrahedra tear, above 0 \[1\].
+    pub fn set_tearing_threshold(&mut self, value: f64) {
+        self.state.parameters.tearing_threshold = value;
+    }
+
     /// Before the first step the account starts with the parameters as they are.
     fn restart_account(&mut self) {
         if self.state.clock.total == 0 {
@@ -348,6 +355,7 @@ impl Simulation {
 
     pub fn restore(&mut self, saved: &State) {
         self.state.copy_from(&self.model, saved);
+        self.work.tears.forget();
         self.forget();
     }
 

@@ -141,6 +141,7 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
         .removed
         .iter()
         .for_each(|t| out.int(u64::from(*t)));
+    out.int(state.live.cleaned as u64);
     out.real(state.live.cleaned_volume);
     out.int(state.held.len() as u64);
     for held in &state.held {
@@ -196,6 +197,7 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
     out.reals(state.parameters.gravity);
     out.real(state.parameters.damping);
     out.int(u64::from(state.parameters.damping_set));
+    out.real(state.parameters.tearing_threshold);
     out.int(state.cuts_done as u64);
     out.real(state.coupling.drift);
     state.coupling.seen.iter().for_each(|d| out.real(*d));
@@ -216,14 +218,14 @@ pub fn size(state: &State) -> usize {
         + 6 * state.displacement.len()
         + 1
         + state.live.removed.len()
-        + 1
+        + 2
         + 1
         + 11 * state.held.len()
         + 1
         + 8 * state.released.len()
         + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1) * state.tools.len()
         + 7
-        + 5
+        + 6
         + 2
         + 2
         + 2
@@ -266,6 +268,7 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
         removed.push(input.index(model.mesh.tetrahedra.len())? as u32);
     }
     state.live = LiveMesh::after(model, &removed);
+    state.live.cleaned = input.index(removed.len() + 1)?;
     state.live.cleaned_volume = input.real()?;
     let supports = model.boundary.prescribed.len();
     state.held.clear();
@@ -312,6 +315,7 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
         gravity: input.reals()?,
         damping: input.real()?,
         damping_set: input.flag()?,
+        tearing_threshold: input.real()?,
     };
     state.cuts_done = input.index(model.cuts.len() + 1)?;
     let drift = input.real()?;

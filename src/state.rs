@@ -56,6 +56,8 @@ pub struct Parameters {
     pub damping: f64,
     /// Whether the host has set it: then it outlives a change of the model.
     pub damping_set: bool,
+    /// Measure above which tetrahedra tear \[1\]; infinite where nothing tears.
+    pub tearing_threshold: f64,
 }
 
 /// One tool: what the host says, where it is, what it feels.
@@ -117,6 +119,11 @@ impl State {
             gravity: model.scene.gravity,
             damping: model.damping(),
             damping_set: false,
+            tearing_threshold: model
+                .scene
+                .tearing
+                .as_ref()
+                .map_or(f64::INFINITY, |t| t.threshold),
         };
         let nominal_substep = model.substep(parameters.damping);
         let mut state = State {

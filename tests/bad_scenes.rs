@@ -210,7 +210,6 @@ fn each_mistake_has_its_line() {
         ("/gravity", "[0, 0, -1e9]", "gravity[2]: -1000000000.0 is out of range; must be from -1e6 to 1e6"),
         ("/mesh", r#"{"box": {"size": [1, 1, 1], "cells": [3000000, 1, 1]}}"#, "mesh.box.cells: too many cells; must be so few that they have at most 10 million corners in all"),
         ("/cutting/rule", r#""duplicate""#, "cutting.rule: duplicate is not available in this version; use remove"),
-        ("/tearing", r#"{"criterion": "volume", "threshold": 0.3}"#, "tearing: tearing is not available in this version; remove it"),
         ("/mesh", r#"{"file": "liver.vtu"}"#, "mesh.file: the mesh format .vtu is not available in this version; use .msh"),
         ("/tools/0/shape", r#"{"compound": [{"shape": {"sphere": {"radius": 0.01}}}]}"#, "tools[0].shape.compound: a compound shape is not available in this version; use sphere or capsule"),
         ("/tools/0/friction", "0.3", r#"tools[0].friction: a Coulomb coefficient is not available in this version; use "stick""#),

@@ -1,4 +1,4 @@
-//! Nothing allocates in a step: not in substeps, nor in contact, nor while cutting.
+//! Nothing allocates in a step: not in substeps, nor in contact, nor while cutting or tearing.
 
 mod common;
 
@@ -32,6 +32,8 @@ fn a_step_allocates_nothing() {
     let hybrid = r#"{"model": {"kind": "hybrid", "dynamic":
         {"halfSpace": {"point": [0.05, 0, 0], "normal": [1, 0, 0]}}},"#;
     let springs = r#"{"model": {"kind": "springMass"},"#;
+    let tearing = r#"{"tearing": {"criterion": "maximumElongation", "threshold": 0.052},"#;
+    let torn = r#"{"model": {"kind": "springMass"}, "tearing": {"criterion": "maximumElongation", "threshold": 0.052},"#;
     for (scheme, model) in [
         ("symplecticEuler", "{"),
         ("centralDifference", "{"),
@@ -43,9 +45,11 @@ fn a_step_allocates_nothing() {
         ("rungeKutta4", springs),
         ("rungeKutta4", hybrid),
         ("implicitEuler", hybrid),
+        ("symplecticEuler", tearing),
+        ("rungeKutta4", torn),
     ] {
         let mut s = common::simulation(&common::bar_with(scheme).replacen('{', model, 1));
-        let (mut contacts, mut worst, mut factors) = (0, 0, 0);
+        let (mut contacts, mut worst, mut factors, mut removed) = (0, 0, 0, 0);
         let mut factored = None;
         for k in 0..1200 {
             common::script(&mut s, f64::from(k) * 1e-3);
@@ -61,8 +65,14 @@ fn a_step_allocates_nothing() {
                 worst = worst.max(calls);
             }
             contacts += u32::from(s.tool(0).in_contact || s.tool(1).in_contact);
+            if k == 590 {
+                removed = s.state().live.removed.len();
+            }
         }
-        println!("{scheme}: {worst} calls, {factors} factors");
+        println!(
+            "{scheme}: {worst} calls, {factors} factors, {removed} torn before the cautery is on"
+        );
+        assert_eq!(removed > 0, model.contains("tearing"));
         assert_eq!(worst, 0, "{scheme}");
         assert!(factors < 60 && contacts > 100 && s.state().live.removed.len() > 10);
     }

@@ -255,6 +255,11 @@ pub const TABLE: &[Row] = &[
         Discrete, "connected pieces of tissue"),
     output(Single, 3, "topology.removedVolume", ONE, real("m3", |s, _, _| s.state().live.removed_volume),
         Discrete, "rest volume removed since the start"),
+    output(Single, 4, "topology.cleanedTetrahedra", ONE,
+        Value::Integer { get: |s, _, _| whole(s.state().live.cleaned as u64) }, Discrete,
+        "of those removed, the ones that nobody cut: they hung by a vertex or an edge alone"),
+    output(Single, 5, "topology.cleanedVolume", ONE, real("m3", |s, _, _| s.state().live.cleaned_volume),
+        Discrete, "rest volume of those"),
     output(Single, 10, "energy.elastic", ONE, real("J", |s, _, _| s.energy().elastic), Continuous,
         "elastic energy"),
     output(Single, 11, "energy.kinetic", ONE, real("J", |s, _, _| s.energy().kinetic), Continuous,
@@ -290,6 +295,9 @@ pub const TABLE: &[Row] = &[
         |s, _, _| s.pending_scene().integration.haptic_rate,
         |s, _, _, v| { s.change_scene(|scene| scene.integration.haptic_rate = v); Ok(()) }, 1.0, Some(1e5)),
         Fixed, "rate of contact and cutting"),
+    parameter(Single, 35, TEARING, ONE, ranged("1", |s, _, _| s.parameters().tearing_threshold,
+        |s, _, _, v| set_tearing_threshold(s, v), 0.0, None), Tunable,
+        "relative change of volume or length, above 0, past which tetrahedra tear"),
     parameter(PerMaterial, 0, "material[#].youngModulus", ONE, ranged("Pa",
         |s, k, _| s.material(k, Material::YoungModulus),
         |s, k, _, v| set_material(s, k, Material::YoungModulus, v), 0.0, Some(1e15)), Fixed,
@@ -313,6 +321,17 @@ pub const TABLE: &[Row] = &[
         Discrete,
         "corner of an exposed triangle, outward, an index into surface.vertex from 0; -1: no such triangle now"),
 ];
+
+/// Only of scenes with tearing.
+const TEARING: &str = "tearing.threshold";
+
+fn set_tearing_threshold(s: &mut Simulation, value: f64) -> Result<(), String> {
+    if value <= 0.0 {
+        return Err("must be above 0".to_string());
+    }
+    s.set_tearing_threshold(value);
+    Ok(())
+}
 
 fn whole(value: u64) -> i32 {
     i32::try_from(value).unwrap_or(i32::MAX)
@@ -356,6 +375,7 @@ pub fn count(group: Group, model: &Model) -> usize {
 pub fn exists(row: &Row, model: &Model) -> bool {
     let vertices = model.scene.outputs.vertices != OutputVertices::None;
     count(row.group, model) > 0
+        && (row.name != TEARING || model.scene.tearing.is_some())
         && (row.group == Group::Single
             || row.group == Group::Tool
             || row.group == Group::Material

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use model_description::{Causality, TABLE, Value, count, exists, reference, resolve, write};
+use model_description::{Causality, Row, TABLE, Value, count, exists, reference, resolve, write};
 use tissue::simulation::Simulation;
 
 fn root() -> PathBuf {
@@ -40,7 +40,7 @@ fn committed_description_is_current() {
 
 #[test]
 fn references_are_unique_and_resolve_to_their_row() {
-    for example in ["bar", "plate_cut", "hepatectomy"] {
+    for example in ["bar", "plate_cut", "hepatectomy", "torn_cylinder"] {
         let s = simulation(example, |t| t);
         let model = s.model();
         let mut seen = HashSet::new();
@@ -128,6 +128,26 @@ fn every_variable_is_complete() {
         }
         assert!(index > 40 && names.contains("tool[1].position.x") == (example != "cantilever"));
     }
+}
+
+/// The threshold is there where there is tearing, and refuses what the scene would.
+#[test]
+fn a_threshold_needs_tearing() {
+    let row = |row: &&Row| row.name == "tearing.threshold";
+    let row = TABLE.iter().find(row).unwrap();
+    let bar = simulation("bar", |t| t);
+    assert!(!exists(row, bar.model()) && resolve(35, bar.model()).is_none());
+    let mut torn = simulation("torn_cylinder", |t| t);
+    assert!(exists(row, torn.model()));
+    assert!(write(&mut torn).contains(r#"name="tearing.threshold" valueReference="35""#));
+    let Value::Real { set: Some(set), .. } = row.value else {
+        panic!("no number that can be set");
+    };
+    assert_eq!(
+        set(&mut torn, 0, 0, 0.0),
+        Err("must be above 0".to_string())
+    );
+    assert_eq!(torn.parameters().tearing_threshold, 0.25);
 }
 
 /// What is written is read back, and inputs and parameters are all that can be written.

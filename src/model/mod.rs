@@ -468,7 +468,9 @@ impl Model {
 
     /// Whether any tetrahedron can ever be removed.
     pub fn can_be_cut(&self) -> bool {
-        !self.cuts.is_empty() || self.scene.tools.iter().any(|t| t.kind == ToolKind::Cautery)
+        !self.cuts.is_empty()
+            || self.scene.tearing.is_some()
+            || self.scene.tools.iter().any(|t| t.kind == ToolKind::Cautery)
     }
 
     /// By scene number, a moving node before its copy.

@@ -24,7 +24,7 @@ use crate::law::linear::Hooke;
 use crate::mesh::Vec3;
 
 /// Edges of a tetrahedron.
-const EDGES: [(usize, usize); 6] = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)];
+pub const EDGES: [(usize, usize); 6] = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)];
 
 /// Share of l_0² below which l² is taken for it: a spring of no length has no direction and no force.
 pub(super) const COLLAPSED: f64 = 1e-24;

@@ -30,7 +30,6 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
         (model.incompressibility != 0.0, text("model.incompressibility"), text("a volume penalty"), "use 0"),
         (averaged, text("model.element"), word(&model.element), "use constantStrain"),
         (scene.cutting.rule != CutRule::Remove, text("cutting.rule"), word(&scene.cutting.rule), "use remove"),
-        (scene.tearing.is_some(), text("tearing"), text("tearing"), "remove it"),
         (!format.eq_ignore_ascii_case("msh"), text("mesh.file"), format!("the mesh format .{format}"), "use .msh"),
     ];
     for (i, tool) in scene.tools.iter().enumerate() {

@@ -1,6 +1,6 @@
 //! Speed of one linear substep and of one of springs, beside the machine's own limits in the same run.
 //!
-//! `cargo bench -p tissue --bench step`, `-- --large` for organs of 100 000 tetrahedra and more. Prints CSV: what, median and best, so that ratios travel from
+//! `cargo bench -p tissue --bench step`, `-- --large` for organs of 100 000 tetrahedra and more, `-- --tearing` for tearing alone. Prints CSV: what, median and best, so that ratios travel from
 //! machine to machine. Medians of interleaved runs; nothing here fails on time.
 
 use std::hint::black_box;
@@ -8,6 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
+use tissue::loose::Scratch;
 use tissue::model::edge_list::EdgeList;
 use tissue::model::precomputed::compute;
 use tissue::model::sweep::{Advance, Motion, plain, sweep};
@@ -15,6 +16,7 @@ use tissue::model::tensor_mass::Lane;
 use tissue::model::{Model, spring_sweep};
 use tissue::scene::{ModelKind, Start};
 use tissue::simulation::Simulation;
+use tissue::tear::Tears;
 
 const PLATE: &str = r#"{"name": "plate", "mesh": {"box": {"size": [0.22, 0.1, 0.02], "cells": [22, 10, 2]}},
   "materials": [{"where": {"all": true}, "youngModulus": 6000, "poissonRatio": 0.45, "density": 1060}],
@@ -99,6 +101,10 @@ fn interleaved(
 fn main() {
     println!("what,median,best,unit");
     calibration();
+    if std::env::args().any(|a| a == "--tearing") {
+        tearing("liver", LIVER);
+        return;
+    }
     if std::env::args().any(|a| a == "--large") {
         large();
         return;
@@ -155,6 +161,7 @@ fn main() {
         );
     }
     do_step("liver", LIVER, 1e-3);
+    tearing("liver", LIVER);
     do_step("hybrid liver", HYBRID, 1e-3);
     let statics = quasi_static(LIVER, 0.018);
     do_step("quasi-static liver", &statics, 5e-5);
@@ -295,6 +302,77 @@ fn do_step(name: &str, text: &str, length: f64) {
     for share in [0.99, 0.999, 1.0] {
         let at = ((share * f64::from(count)) as usize).min(times.len() - 1);
         println!("{name}: step p{},{:.1},,us", 100.0 * share, 1e6 * times[at]);
+    }
+}
+
+/// Finding what tears, at each tick of 1 ms, beside the substeps of that tick, while a probe presses the
+/// liver by 10 mm at 20 mm/s and lets go. Nothing tears.
+fn tearing(name: &str, text: &str) {
+    for criterion in ["volume", "meanElongation", "maximumElongation"] {
+        let tearing =
+            format!(r#""tearing": {{"criterion": "{criterion}", "threshold": 0.35}}, "start""#);
+        let scene = text.replace(r#""start""#, &tearing);
+        let mut simulation = Simulation::new(model(
+            &scene.replace(r#""kind": "grasper""#, r#""kind": "probe""#),
+        ));
+        // The highest vertex of the left lobe.
+        let top = (simulation.model().whole.surface.iter())
+            .flat_map(|f| simulation.model().topology.faces[*f as usize].vertices)
+            .map(|v| simulation.state().position(simulation.model(), v))
+            .filter(|p| p.x > 0.09)
+            .max_by(|a, b| a.z.total_cmp(&b.z))
+            .expect("a surface");
+        let place = |simulation: &mut Simulation, depth: f64| {
+            for (axis, at) in [top.x, top.y, top.z + 0.004 - depth]
+                .into_iter()
+                .enumerate()
+            {
+                simulation.set_pose_input(0, axis, at);
+            }
+            for (axis, at) in [0.0, 1.0, 0.0, 0.0].into_iter().enumerate() {
+                simulation.set_pose_input(0, 3 + axis, at);
+            }
+        };
+        place(&mut simulation, 0.0);
+        simulation.place_tools().expect("a pose");
+        let (count, mut contacts) = (4000, 0);
+        let loose = Scratch::new(simulation.model());
+        let mut tears = Tears::new(simulation.model());
+        let (mut finding, mut stepping) = (Vec::new(), Vec::new());
+        for k in 0..count {
+            let phase = f64::from(k % 1000) * 1e-3;
+            place(&mut simulation, 0.02 * phase.min(1.0 - phase));
+            let start = Instant::now();
+            let found = black_box(tears.find(simulation.model(), simulation.state(), &loose)).len();
+            finding.push(start.elapsed().as_secs_f64());
+            assert_eq!(found, 0);
+            let start = Instant::now();
+            simulation.step(1e-3).expect("a step");
+            stepping.push(start.elapsed().as_secs_f64());
+            contacts += u32::from(simulation.tool(0).in_contact);
+        }
+        assert!(contacts > 1000, "{contacts}");
+        let share =
+            tears.looked_at as f64 / (f64::from(count) * simulation.model().shape.len() as f64);
+        let mean = finding.iter().sum::<f64>() / stepping.iter().sum::<f64>();
+        finding.sort_by(f64::total_cmp);
+        stepping.sort_by(f64::total_cmp);
+        let median = |times: &[f64]| times[times.len() / 2];
+        println!(
+            "{name}: tearing by {criterion} a tick,{:.2},{:.2},us",
+            1e6 * median(&finding),
+            1e6 * finding[0]
+        );
+        println!(
+            "{name}: p99 and most of it,{:.2},{:.2},us",
+            1e6 * finding[finding.len() * 99 / 100],
+            1e6 * finding[finding.len() - 1]
+        );
+        println!(
+            "{name}: of the tick's step, median and mean,{:.4},{mean:.4},1",
+            median(&finding) / median(&stepping)
+        );
+        println!("{name}: tetrahedra looked at,{share:.4},,1");
     }
 }
 
