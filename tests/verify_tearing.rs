@@ -192,7 +192,8 @@ fn tears_what_looking_at_everything_finds() {
                 // Springs that have been turned inside out hang together by shreds.
                 assert!(full > 0 && torn < model.shape.len() / 2);
                 assert!(pieces >= 2 || kind == "springMass");
-                assert!(share < 0.6, "{share}");
+                // Loose tissue is looked at each time.
+                assert!(share < 0.75, "{share}");
             }
         }
     }
@@ -425,7 +426,7 @@ fn the_cylinder_tears_off_below_its_clamp() {
         .sum();
     let share = off / model.report.volume;
     println!("{torn} torn, {share:.3} of the volume off");
-    assert!(share > 0.75 && torn > 50 && torn < 130, "{share} {torn}");
+    assert!(share > 0.75 && torn > 20 && torn < 130, "{share} {torn}");
     assert!(state.live.removed_volume < 0.15 * model.report.volume);
     // Right below the clamp.
     let low = (state.live.removed.iter())
