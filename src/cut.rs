@@ -1,12 +1,12 @@
 //! Cutting: tetrahedra go, and the account books what goes with them.
 
 use crate::contact::geometry::{Capsule, boxes_meet};
-use crate::contact::hold;
+use crate::contact::hold::{self, Held, Released};
 use crate::loose;
 use crate::mesh::Vec3;
 use crate::model::Model;
 use crate::pieces::Search;
-use crate::star::Worklist;
+use crate::star::{Repair, Worklist};
 use crate::state::State;
 
 /// Reused from cut to cut.
@@ -40,15 +40,23 @@ pub fn event(
 ) {
     let first = state.live.removed.len();
     let before = loose.before(model, state, chosen);
+    let spares = state.live.pattern(model).first;
     let mut severs = false;
     for t in chosen {
         severs |= remove(model, state, &mut scratch.worklist, *t);
     }
     if severs {
         let cut = state.live.removed.len();
-        while scratch.worklist.next(model, &state.live, &mut scratch.lost) {
-            for t in &scratch.lost {
-                remove(model, state, &mut scratch.worklist, *t);
+        let Scratch { worklist, lost, .. } = scratch;
+        while let Some(repair) = worklist.next(model, &state.live, lost) {
+            let new = match repair {
+                Repair::Split(node) => split(model, state, worklist, node, lost),
+                Repair::Lose => None,
+            };
+            if new.is_none() {
+                for t in lost.iter() {
+                    remove(model, state, worklist, *t);
+                }
             }
         }
         state.live.cleaned += state.live.removed.len() - cut;
@@ -57,15 +65,58 @@ pub fn event(
         }
     }
     (state.live).find_pieces(model, first, severs, &mut scratch.search);
+    state.live.settle(model);
     for at in first..state.live.removed.len() {
-        let t = state.live.removed[at];
-        state.live.sum_again(model, t);
-        for node in model.mesh.tetrahedra[t as usize] {
+        for node in state.live.tetrahedra[state.live.removed[at] as usize] {
             state.refresh_node(model, node as usize);
             state.refresh_external(model, node as usize);
         }
     }
+    for new in state.live.pattern(model).first..spares {
+        let origin = state.live.origin[new] as usize;
+        for t in model.topology.star(origin) {
+            for node in state.live.tetrahedra[*t as usize] {
+                state.refresh_node(model, node as usize);
+                state.refresh_external(model, node as usize);
+            }
+        }
+    }
     state.account.dissipated -= loose.gained(model, state, before, &scratch.search.changed);
+}
+
+/// Splits a node for some tetrahedra of its star. Nothing moves; what holds it holds both. None where no spare is left.
+fn split(
+    model: &Model,
+    state: &mut State,
+    worklist: &mut Worklist,
+    node: u32,
+    moved: &[u32],
+) -> Option<u32> {
+    let new = state.live.split(model, node, moved)?;
+    worklist.note_split(node, new);
+    let (i, from) = (new as usize, node as usize);
+    state.displacement[i] = state.displacement[from];
+    state.velocity[i] = state.velocity[from];
+    for at in (0..state.held.len()).rev() {
+        let held = state.held[at];
+        if held.node == node {
+            state.held.insert(at + 1, Held { node: new, ..held });
+        }
+    }
+    for at in (0..state.released.len()).rev() {
+        let released = state.released[at];
+        if released.node == node {
+            state.released.push(Released {
+                node: new,
+                ..released
+            });
+        }
+    }
+    for node in [from, i] {
+        state.refresh_node(model, node);
+        state.refresh_external(model, node);
+    }
+    Some(new)
 }
 
 /// Removes one tetrahedron. Its elastic energy, the kinetic and potential energy
@@ -75,7 +126,7 @@ fn remove(model: &Model, state: &mut State, worklist: &mut Worklist, t: u32) -> 
     if !state.live.alive[t as usize] {
         return false;
     }
-    let nodes = model.mesh.tetrahedra[t as usize].map(|v| v as usize);
+    let nodes = state.live.tetrahedra[t as usize].map(|v| v as usize);
     let u = nodes.map(|i| state.displacement[i].xyz());
     let v = nodes.map(|i| state.velocity[i].xyz());
     let (internal, elastic) = model.tetrahedron_force(t as usize, &u);
@@ -128,18 +179,18 @@ pub fn burn(
     let (low, high) = capsule.bounds(0.0);
     candidates.clear();
     for node in 0..model.parts.moving {
-        if capsule.axis_distance(&state.position(model, node as u32)) <= near {
-            let star = model.topology.star(node).iter();
-            let can_go =
-                |t: &&u32| model.parts.dynamic[**t as usize] && state.live.alive[**t as usize];
-            candidates.extend(star.filter(can_go));
+        if state.live.star_count[node] > 0
+            && capsule.axis_distance(&state.position(model, node as u32)) <= near
+        {
+            let can_go = |t: &u32| model.parts.dynamic[*t as usize];
+            candidates.extend(state.live.star(model, node as u32).filter(can_go));
         }
     }
     candidates.sort_unstable();
     candidates.dedup();
     candidates.retain(|t| {
         let corners: [Vec3; 4] =
-            model.mesh.tetrahedra[*t as usize].map(|v| state.position(model, v));
+            state.live.tetrahedra[*t as usize].map(|v| state.position(model, v));
         boxes_meet(&corners, &low, &high)
             && capsule.may_touch(&corners)
             && capsule.touches_tetrahedron(&corners)

@@ -5,18 +5,27 @@ use nalgebra::Matrix3;
 use crate::mesh::Vec3;
 use crate::mesh::topology::NONE;
 use crate::model::spring_mass::{self, Springs};
+use crate::model::stiffness::Stiffness;
 use crate::model::sweep::{Advance, Motion, Sums, sweep};
-use crate::model::tensor_mass::{Lane, Tensors};
+use crate::model::tensor_mass::{Lane, Pattern, Tensors};
 use crate::model::{Model, spring_sweep};
-use crate::pieces::{Pieces, Search};
+use crate::pieces::{Pieces, Search, Tissue};
 use crate::scene::{CutMass, Mass, ModelKind};
 
 /// Everything that a cut changes. A pure function of the model and of the list of removals in their
 /// order, to the bit: that list is what a saved state holds.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LiveMesh {
-    /// A tetrahedron each.
+    /// A tetrahedron each: its nodes, which change where vertices split, and whether it is alive.
+    pub tetrahedra: Vec<[u32; 4]>,
     pub alive: Vec<bool>,
+    /// Rest position \[m\] a node; of a spare that is not in use, of some other.
+    pub rest: Vec<Vec3>,
+    /// A spare each: the node that it was split from in the first place, or [`NONE`].
+    pub origin: Vec<u32>,
+    /// Splits in their order, one after the other: removals before it, the node, how many tetrahedra go
+    /// to the new one, which.
+    pub splits: Vec<u32>,
     /// In order of removal.
     pub removed: Vec<u32>,
     /// Rest volume of those \[m³\].
@@ -28,6 +37,8 @@ pub struct LiveMesh {
     pub revision: u64,
     /// Live tetrahedra round each vertex; a vertex at 0 is retired.
     pub star_count: Vec<u32>,
+    /// Where there are spares; otherwise the model's.
+    pattern: Option<Box<Pattern>>,
     /// Empty where there are springs.
     pub tensors: Tensors,
     /// Of model kind `springMass`.
@@ -39,6 +50,10 @@ pub struct LiveMesh {
     /// Exposed faces, in no order that means anything.
     pub surface: Vec<u32>,
     pub pieces: Pieces,
+    /// Corners of tetrahedra that have changed: what is summed of them is old. Empty but during a cut.
+    dirty: Vec<[u32; 4]>,
+    /// Nodes round a vertex that splits. Scratch.
+    around: Vec<u32>,
     /// Place of each face in `surface`, or [`NONE`].
     surface_slot: Vec<u32>,
 }
@@ -54,7 +69,12 @@ impl LiveMesh {
             }
             _ => (Tensors::zeros(&model.pattern), None),
         };
+        let spares = model.parts.spares;
         let mut live = LiveMesh {
+            tetrahedra: model.mesh.tetrahedra.clone(),
+            rest: model.mesh.nodes.clone(),
+            origin: vec![NONE; spares],
+            pattern: (spares > 0).then(|| Box::new(model.pattern.clone())),
             alive: vec![true; model.mesh.tetrahedra.len()],
             star_count: vec![0; nodes],
             tensors,
@@ -62,7 +82,6 @@ impl LiveMesh {
             mass: vec![0.0; nodes],
             weight: vec![0.0; nodes],
             surface_slot: vec![NONE; model.topology.faces.len()],
-            pieces: Pieces::whole(model, &vec![true; model.mesh.tetrahedra.len()]),
             ..LiveMesh::default()
         };
         for (t, tetrahedron) in model.mesh.tetrahedra.iter().enumerate() {
@@ -91,11 +110,61 @@ impl LiveMesh {
                 live.expose(f as u32);
             }
         }
+        live.pieces = live.whole_pieces(model);
         live
+    }
+
+    /// Which vertices share an edge.
+    pub fn pattern<'a>(&'a self, model: &'a Model) -> &'a Pattern {
+        self.pattern.as_deref().unwrap_or(&model.pattern)
+    }
+
+    /// K on the moving nodes.
+    pub fn stiffness<'a>(&'a self, model: &'a Model) -> Stiffness<'a> {
+        Stiffness {
+            pattern: self.pattern(model),
+            ..model.stiffness(&self.tensors)
+        }
+    }
+
+    /// The node of the mesh before any cut that a node in use comes from.
+    pub fn origin(&self, node: u32) -> u32 {
+        self.origin.get(node as usize).copied().unwrap_or(node)
+    }
+
+    /// Axes of a node that no support holds.
+    pub fn free(&self, model: &Model, node: usize) -> [bool; 3] {
+        match self.origin(node as u32) {
+            NONE => [false; 3],
+            origin => model.boundary.free[origin as usize],
+        }
+    }
+
+    /// Live tetrahedra round a node in use, ascending.
+    pub fn star<'a>(&'a self, model: &'a Model, node: u32) -> impl Iterator<Item = u32> + 'a {
+        let star = model.topology.star(self.origin(node) as usize).iter();
+        star.copied().filter(move |t| {
+            self.alive[*t as usize] && self.tetrahedra[*t as usize].contains(&node)
+        })
+    }
+
+    fn tissue(&self) -> Tissue<'_> {
+        Tissue {
+            tetrahedra: &self.tetrahedra,
+            alive: &self.alive,
+            star_count: &self.star_count,
+            origin: &self.origin,
+        }
+    }
+
+    /// The pieces, found afresh.
+    pub fn whole_pieces(&self, model: &Model) -> Pieces {
+        Pieces::whole(model, &self.tissue())
     }
 
     /// Tensors or springs of dynamic tetrahedron `t`.
     fn accumulate(&mut self, model: &Model, t: usize) {
+        // Nothing is split yet.
         let (pattern, nodes) = (&model.pattern, &model.mesh.tetrahedra[t]);
         let (shape, law) = (&model.shape[t], &model.material(t).law);
         match &mut self.springs {
@@ -111,15 +180,15 @@ impl LiveMesh {
     pub fn sweep(&self, model: &Model, motion: &mut Motion, by: &Advance) -> Sums {
         match &self.springs {
             Some(springs) => spring_sweep::sweep(springs, motion, by),
-            None => sweep(&model.pattern, &self.tensors, motion, by),
+            None => sweep(self.pattern(model), &self.tensors, motion, by),
         }
     }
 
     /// Internal force on node i \[N\], without that of a pre-computed part.
     pub fn internal_force(&self, model: &Model, i: usize, u: &[Lane]) -> Vec3 {
         match &self.springs {
-            Some(springs) => springs.force(&model.pattern, i, u),
-            None => self.tensors.row_product(&model.pattern, i, u),
+            Some(springs) => springs.force(self.pattern(model), i, u),
+            None => self.tensors.row_product(self.pattern(model), i, u),
         }
     }
 
@@ -129,7 +198,7 @@ impl LiveMesh {
     }
 
     /// Removes one live tetrahedron: its four masses and four faces. Its tensors or springs stay until
-    /// [`LiveMesh::sum_again`]. Does nothing to a dead one. Dynamic ones only. Returns whether it was alive.
+    /// [`LiveMesh::settle`]. Does nothing to a dead one. Dynamic ones only. Returns whether it was alive.
     pub(crate) fn remove(&mut self, model: &Model, t: u32) -> bool {
         let index = t as usize;
         if !std::mem::replace(&mut self.alive[index], false) {
@@ -140,7 +209,9 @@ impl LiveMesh {
         let shape = &model.shape[index];
         self.removed_volume += shape.volume;
         let share = model.material(index).density * shape.volume / 4.0;
-        for node in &model.mesh.tetrahedra[index] {
+        let nodes = self.tetrahedra[index];
+        self.dirty.push(nodes);
+        for node in &nodes {
             let n = *node as usize;
             let [weight_goes, mass_goes] = goes(model, n);
             self.star_count[n] -= 1;
@@ -162,34 +233,89 @@ impl LiveMesh {
         true
     }
 
-    /// What removed tetrahedron `t` had a share in, summed again over what is left: ten tensors or six springs, four
-    /// masses. In the order of a fresh assembly, so that it equals one to the bit, and exactly zero where
-    /// nothing is left.
-    pub(crate) fn sum_again(&mut self, model: &Model, t: u32) {
-        let nodes = &model.mesh.tetrahedra[t as usize];
+    /// Splits a node: the `moved` tetrahedra of its star get the next spare in its place, with their share of the
+    /// mass. None where no spare is left. Tensors are as after [`LiveMesh::remove`].
+    pub(crate) fn split(&mut self, model: &Model, node: u32, moved: &[u32]) -> Option<u32> {
+        self.around.clear();
+        for t in moved {
+            for other in self.tetrahedra[*t as usize] {
+                if other != node && !self.around.contains(&other) {
+                    self.around.push(other);
+                }
+            }
+        }
+        self.around.sort_unstable();
+        if let Some(springs) = &self.springs
+            && !springs.has_room(self.around.len())
+        {
+            return None;
+        }
+        let new = self.pattern.as_mut()?.open(&self.around)?;
+        let (n, from) = (new as usize, node as usize);
+        self.rest[n] = self.rest[from];
+        self.origin[n] = self.origin(node);
+        if let Some(springs) = &mut self.springs {
+            springs.open(&self.around, &self.rest);
+        }
+        let header = [self.removed.len() as u32, node, moved.len() as u32];
+        self.splits.extend(header.iter().chain(moved));
+        self.revision += 1;
+        let mut share = 0.0;
+        for t in moved {
+            let t = *t as usize;
+            share += model.material(t).density * model.shape[t].volume / 4.0;
+            self.dirty.push(self.tetrahedra[t]);
+            for corner in &mut self.tetrahedra[t] {
+                if *corner == node {
+                    *corner = new;
+                }
+            }
+            self.dirty.push(self.tetrahedra[t]);
+        }
+        self.star_count[n] = moved.len() as u32;
+        self.star_count[from] -= moved.len() as u32;
+        self.weight[n] = share;
+        self.weight[from] -= share;
+        self.mass[n] = share;
+        self.mass[from] -= share;
+        self.pieces.join(new, node);
+        Some(new)
+    }
+
+    /// Brings up to date what is summed over tetrahedra.
+    pub(crate) fn settle(&mut self, model: &Model) {
+        for at in 0..self.dirty.len() {
+            self.sum_again(model, self.dirty[at]);
+        }
+        self.dirty.clear();
+    }
+
+    /// What a tetrahedron with these nodes has or had a share in, summed again over what is left: ten tensors or six
+    /// springs, four masses. In the order of a fresh assembly, so that it equals one to the bit, and exactly
+    /// zero where nothing is left.
+    fn sum_again(&mut self, model: &Model, nodes: [u32; 4]) {
         for j in 0..4 {
             let mut weight = 0.0;
             let mut blocks = [Matrix3::zeros(); 4];
             let mut springs = [0.0; 4];
-            for other in model.topology.star(nodes[j] as usize) {
+            for other in model.topology.star(self.origin(nodes[j]) as usize) {
                 let other = *other as usize;
                 if !self.alive[other] {
                     continue;
                 }
+                let corners = &self.tetrahedra[other];
+                let place = |node: u32| corners.iter().position(|c| *c == node);
+                let Some(own) = place(nodes[j]) else { continue };
                 let (shape, material) = (&model.shape[other], model.material(other));
                 weight += material.density * shape.volume / 4.0;
                 if !model.parts.dynamic[other] {
                     continue;
                 }
-                let corners = &model.mesh.tetrahedra[other];
-                let place = |node: u32| corners.iter().position(|c| *c == node);
-                let Some(own) = place(nodes[j]) else { continue };
                 for k in j..4 {
                     let Some(to) = place(nodes[k]) else { continue };
                     if self.springs.is_some() {
                         if k > j {
-                            let edge = model.mesh.nodes[nodes[k] as usize]
-                                - model.mesh.nodes[nodes[j] as usize];
+                            let edge = self.rest[nodes[k] as usize] - self.rest[nodes[j] as usize];
                             springs[k] += spring_mass::share(&material.law, shape.volume, &edge);
                         }
                         continue;
@@ -206,12 +332,11 @@ impl LiveMesh {
                             .stiffness_block(shape.volume, &gradient[low], &gradient[high]);
                 }
             }
+            let pattern = self.pattern.as_deref().unwrap_or(&model.pattern);
             for k in j..4 {
                 match &mut self.springs {
-                    Some(all) => all.set(&model.pattern, nodes[j], nodes[k], springs[k]),
-                    None => self
-                        .tensors
-                        .set(&model.pattern, nodes[j], nodes[k], &blocks[k]),
+                    Some(all) => all.set(pattern, nodes[j], nodes[k], springs[k]),
+                    None => self.tensors.set(pattern, nodes[j], nodes[k], &blocks[k]),
                 }
             }
             let n = nodes[j] as usize;
@@ -233,29 +358,51 @@ impl LiveMesh {
         severs: bool,
         search: &mut Search,
     ) {
-        let removed = &self.removed[first..];
-        let (alive, count) = (&self.alive, &self.star_count);
-        (self.pieces).update(model, alive, count, removed, severs, search);
+        let tissue = Tissue {
+            tetrahedra: &self.tetrahedra,
+            alive: &self.alive,
+            star_count: &self.star_count,
+            origin: &self.origin,
+        };
+        (self.pieces).update(model, &tissue, &self.removed[first..], severs, search);
     }
 
-    /// Removes tetrahedra that are known to leave a good mesh, but for what they do to the pieces.
-    fn remove_all(&mut self, model: &Model, chosen: &[u32]) {
-        let first = self.removed.len();
-        for t in chosen {
-            self.remove(model, *t);
+    /// Goes through a history from where this one ends, but for what it does to the pieces.
+    fn replay(&mut self, model: &Model, removed: &[u32], splits: &[u32]) {
+        let mut splits = &splits[self.splits.len()..];
+        for at in self.removed.len()..=removed.len() {
+            while let [before, node, count, rest @ ..] = splits
+                && *before as usize == at
+            {
+                let (moved, later) = rest.split_at(*count as usize);
+                splits = later;
+                self.split(model, *node, moved);
+            }
+            if let Some(t) = removed.get(at) {
+                self.remove(model, *t);
+            }
         }
-        for at in first..self.removed.len() {
-            self.sum_again(model, self.removed[at]);
-        }
+        self.settle(model);
     }
 
-    /// The whole mesh after removals that are known to leave a good one.
-    pub(crate) fn after(model: &Model, removed: &[u32]) -> LiveMesh {
+    /// The whole mesh after a history.
+    pub(crate) fn after(model: &Model, removed: &[u32], splits: &[u32]) -> LiveMesh {
         let mut live = model.whole.clone();
         live.reserve(model);
-        live.remove_all(model, removed);
-        live.pieces = Pieces::whole(model, &live.alive);
+        live.replay(model, removed, splits);
+        live.pieces = live.whole_pieces(model);
         live
+    }
+
+    /// The part of the splits that came before the first so many removals were complete.
+    pub(crate) fn splits_before(&self, removals: usize) -> &[u32] {
+        let mut end = 0;
+        while let [before, _, count, ..] = self.splits[end..]
+            && before as usize <= removals
+        {
+            end += 3 + count as usize;
+        }
+        &self.splits[..end]
     }
 
     fn expose(&mut self, face: u32) {
@@ -275,18 +422,28 @@ impl LiveMesh {
     pub fn triangle(&self, model: &Model, face: u32) -> [u32; 3] {
         let face = &model.topology.faces[face as usize];
         let [a, b, c] = face.vertices;
-        if self.alive[face.tetrahedra[0] as usize] {
-            [a, b, c]
-        } else {
-            [a, c, b]
+        let (owner, vertices) = match self.alive[face.tetrahedra[0] as usize] {
+            true => (face.tetrahedra[0], [a, b, c]),
+            false => (face.tetrahedra[1], [a, c, b]),
+        };
+        if self.splits.is_empty() {
+            return vertices;
         }
+        let (then, now) = (
+            &model.mesh.tetrahedra[owner as usize],
+            &self.tetrahedra[owner as usize],
+        );
+        vertices.map(|v| {
+            let corner = then.iter().position(|c| *c == v);
+            corner.map_or(v, |c| now[c])
+        })
     }
 
     /// Brings an older copy of the same history up to date by the removals it lacks; otherwise copies.
     /// Either way the result equals `newer` to the bit.
     pub(crate) fn catch_up(&mut self, model: &Model, newer: &LiveMesh) {
-        if newer.removed.starts_with(&self.removed) {
-            self.remove_all(model, &newer.removed[self.removed.len()..]);
+        if newer.removed.starts_with(&self.removed) && newer.splits.starts_with(&self.splits) {
+            self.replay(model, &newer.removed, &newer.splits);
             self.cleaned = newer.cleaned;
             self.cleaned_volume = newer.cleaned_volume;
             self.pieces.copy_from(&newer.pieces);
@@ -299,11 +456,24 @@ impl LiveMesh {
     pub(crate) fn reserve(&mut self, model: &Model) {
         self.removed.reserve(model.mesh.tetrahedra.len());
         self.pieces.reserve();
+        if let Some(pattern) = &mut self.pattern {
+            pattern.reserve();
+            self.splits.reserve(4 * model.mesh.tetrahedra.len());
+        }
+        self.around.reserve(model.mesh.nodes.len().min(4096));
+        self.dirty.reserve(3 * model.mesh.tetrahedra.len());
         self.surface.reserve(model.topology.faces.len());
     }
 
     /// Keeps the room that there is.
     fn copy_from(&mut self, other: &LiveMesh) {
+        self.tetrahedra.clone_from(&other.tetrahedra);
+        self.rest.clone_from(&other.rest);
+        self.origin.clone_from(&other.origin);
+        self.splits.clone_from(&other.splits);
+        if let (Some(pattern), Some(other)) = (&mut self.pattern, &other.pattern) {
+            pattern.copy_from(other);
+        }
         self.alive.clone_from(&other.alive);
         self.removed.clone_from(&other.removed);
         self.removed_volume = other.removed_volume;

@@ -19,6 +19,7 @@
 
 use nalgebra::{Matrix3, Rotation3};
 
+use crate::live::LiveMesh;
 use crate::mesh::Vec3;
 use crate::model::Model;
 use crate::model::sweep::{Advance, Motion, Sums, advance_node};
@@ -99,7 +100,7 @@ impl Scratch {
     }
 
     /// Puts loose nodes aside for a sweep, which then finds them at w in their frames, and still.
-    pub(crate) fn set_aside(&mut self, model: &Model, state: &mut State) {
+    pub(crate) fn set_aside(&mut self, state: &mut State) {
         self.frames.clear();
         self.aside.clear();
         let State {
@@ -112,7 +113,7 @@ impl Scratch {
         } = state;
         let nodes = live.pieces.loose_nodes();
         for piece in live.pieces.loose() {
-            let frame = Frame::of(model, &live.mass, &nodes[piece.clone()], |i| {
+            let frame = Frame::of(live, &nodes[piece.clone()], |i| {
                 (displacement[i].xyz(), velocity[i].xyz())
             });
             for node in &nodes[piece] {
@@ -120,9 +121,7 @@ impl Scratch {
                 let zero = Lane::default();
                 let local = match live.springs {
                     Some(_) => displacement[i],
-                    None => frame
-                        .local(&model.mesh.nodes[i], &displacement[i].xyz())
-                        .into(),
+                    None => frame.local(&live.rest[i], &displacement[i].xyz()).into(),
                 };
                 self.aside.push(Aside {
                     displacement: std::mem::replace(&mut displacement[i], local),
@@ -158,7 +157,7 @@ impl Scratch {
         }
         for (at, piece) in state.live.pieces.loose().enumerate() {
             let frame = self.frames[at];
-            self.turn_back(model, state, piece, &frame, self.brake * by.damping);
+            self.turn_back(state, piece, &frame, self.brake * by.damping);
         }
         let moving = model.parts.moving;
         let mut motion = Motion {
@@ -204,9 +203,9 @@ impl Scratch {
     }
 
     /// Where loose nodes are in their frames.
-    pub fn locate(&mut self, model: &Model, state: &State) {
+    pub fn locate(&mut self, state: &State) {
         for piece in state.live.pieces.loose() {
-            self.locate_piece(model, state, piece);
+            self.locate_piece(state, piece);
         }
     }
 
@@ -215,14 +214,9 @@ impl Scratch {
         self.local[node as usize].xyz()
     }
 
-    fn locate_piece(
-        &mut self,
-        model: &Model,
-        state: &State,
-        piece: std::ops::Range<usize>,
-    ) -> Frame {
+    fn locate_piece(&mut self, state: &State, piece: std::ops::Range<usize>) -> Frame {
         let nodes = &state.live.pieces.loose_nodes()[piece];
-        let frame = Frame::of(model, &state.live.mass, nodes, |i| {
+        let frame = Frame::of(&state.live, nodes, |i| {
             (state.displacement[i].xyz(), state.velocity[i].xyz())
         });
         for node in nodes {
@@ -230,7 +224,7 @@ impl Scratch {
             let u = &state.displacement[i];
             self.local[i] = match state.live.springs {
                 Some(_) => *u,
-                None => frame.local(&model.mesh.nodes[i], &u.xyz()).into(),
+                None => frame.local(&state.live.rest[i], &u.xyz()).into(),
             };
         }
         frame
@@ -252,7 +246,7 @@ impl Scratch {
     ) -> (Frame, f64) {
         let live = &state.live;
         let nodes = &live.pieces.loose_nodes()[piece.clone()];
-        let frame = self.locate_piece(model, state, piece.clone());
+        let frame = self.locate_piece(state, piece.clone());
         let mut elastic = 0.0;
         for (k, node) in piece.clone().zip(nodes) {
             let force = live.internal_force(model, *node as usize, &self.local);
@@ -260,14 +254,13 @@ impl Scratch {
             self.force[k] = force;
             self.inner[k] = force;
         }
-        self.turn_back(model, state, piece, &frame, state.parameters.damping);
+        self.turn_back(state, piece, &frame, state.parameters.damping);
         (frame, elastic)
     }
 
     /// Forces of a piece from its frame to the world; drags by damping \[1/s\].
     fn turn_back(
         &mut self,
-        model: &Model,
         state: &State,
         piece: std::ops::Range<usize>,
         frame: &Frame,
@@ -275,11 +268,11 @@ impl Scratch {
     ) {
         let nodes = &state.live.pieces.loose_nodes()[piece.clone()];
         if state.live.springs.is_none() {
-            frame.turn_back(model, state, nodes, &mut self.force[piece.clone()]);
+            frame.turn_back(state, nodes, &mut self.force[piece.clone()]);
         }
         for (k, node) in piece.zip(nodes) {
             let i = *node as usize;
-            let at = model.mesh.nodes[i] + state.displacement[i].xyz();
+            let at = state.live.rest[i] + state.displacement[i].xyz();
             let v = state.velocity[i].xyz();
             let drag = frame.relative(&at, &v) * (damping * state.live.mass[i]);
             self.braked += v.dot(&drag);
@@ -340,7 +333,7 @@ impl Scratch {
             };
             for k in piece {
                 let i = state.live.pieces.loose_nodes()[k] as usize;
-                let rest = model.mesh.nodes[i];
+                let rest = state.live.rest[i];
                 let at = rest + state.displacement[i].xyz() - frame.now;
                 let (m, v, f) = (
                     state.live.mass[i],
@@ -365,9 +358,9 @@ impl Scratch {
     }
 
     /// Adds centrifugal and Coriolis forces of the motion that was taken out.
-    pub(crate) fn add_inertia(&self, model: &Model, state: &State, residual: &mut [Lane]) {
+    pub(crate) fn add_inertia(&self, state: &State, residual: &mut [Lane]) {
         for (i, flight) in self.flying(state) {
-            let at = model.mesh.nodes[i] + state.displacement[i].xyz() - flight.now;
+            let at = state.live.rest[i] + state.displacement[i].xyz() - flight.now;
             let spin = &flight.spin;
             let a = spin.cross(&(spin.cross(&at) + state.velocity[i].xyz() * 2.0));
             residual[i] = (residual[i].xyz() - a * state.live.mass[i]).into();
@@ -375,13 +368,13 @@ impl Scratch {
     }
 
     /// Puts it back: a translation and a rotation. Momenta of what nothing holds are right to round-off.
-    pub(crate) fn land(&mut self, model: &Model, state: &mut State, seconds: f64) {
+    pub(crate) fn land(&mut self, state: &mut State, seconds: f64) {
         let nodes = state.live.pieces.loose_nodes();
         for (piece, flight) in state.live.pieces.loose().zip(&self.flights) {
             let own = &nodes[piece];
             for node in own {
                 let i = *node as usize;
-                let rest = model.mesh.nodes[i];
+                let rest = state.live.rest[i];
                 let at = flight.turn * (rest + state.displacement[i].xyz() - flight.now);
                 let v = flight.turn * state.velocity[i].xyz()
                     + flight.spin.cross(&at)
@@ -401,14 +394,14 @@ impl Scratch {
                 }
                 continue;
             }
-            let frame = Frame::of(model, &state.live.mass, own, |i| {
+            let frame = Frame::of(&state.live, own, |i| {
                 (state.displacement[i].xyz(), state.velocity[i].xyz())
             });
             let slip = flight.momentum / frame.mass - frame.velocity;
             let twist = frame.uninert * flight.turning - frame.spin;
             for node in own {
                 let i = *node as usize;
-                let at = model.mesh.nodes[i] + state.displacement[i].xyz() - frame.now;
+                let at = state.live.rest[i] + state.displacement[i].xyz() - frame.now;
                 let v = state.velocity[i].xyz() + slip + twist.cross(&at);
                 state.velocity[i] = v.into();
             }
@@ -517,7 +510,7 @@ impl Scratch {
         }
         let mut sum = 0.0;
         for t in chosen.iter().filter(|t| state.live.alive[**t as usize]) {
-            let node = model.mesh.tetrahedra[*t as usize][0] as usize;
+            let node = state.live.tetrahedra[*t as usize][0] as usize;
             let label = pieces.label[node];
             if pieces.is_loose(node) && !self.touched.contains(&label) {
                 self.touched.push(label);
@@ -622,16 +615,11 @@ struct Frame {
 
 impl Frame {
     /// `motion` gives displacement and velocity of a node.
-    fn of(
-        model: &Model,
-        mass: &[f64],
-        nodes: &[u32],
-        motion: impl Fn(usize) -> (Vec3, Vec3),
-    ) -> Frame {
+    fn of(live: &LiveMesh, nodes: &[u32], motion: impl Fn(usize) -> (Vec3, Vec3)) -> Frame {
         let of = |node: &u32| {
             let i = *node as usize;
             let (u, v) = motion(i);
-            (mass[i], model.mesh.nodes[i], model.mesh.nodes[i] + u, v)
+            (live.mass[i], live.rest[i], live.rest[i] + u, v)
         };
         let zero = Vec3::zeros();
         let (mut total, mut rest, mut now, mut momentum) = (0.0, zero, zero, zero);
@@ -680,18 +668,18 @@ impl Frame {
     }
 
     /// Forces K w to the world, without their net torque.
-    fn turn_back(&self, model: &Model, state: &State, nodes: &[u32], force: &mut [Vec3]) {
+    fn turn_back(&self, state: &State, nodes: &[u32], force: &mut [Vec3]) {
         let mut torque = Vec3::zeros();
         for (node, force) in nodes.iter().zip(force.iter_mut()) {
             let i = *node as usize;
             *force = self.rotation * *force;
-            let at = model.mesh.nodes[i] + state.displacement[i].xyz() - self.now;
+            let at = state.live.rest[i] + state.displacement[i].xyz() - self.now;
             torque += at.cross(force);
         }
         let a = self.unspin * torque;
         for (node, force) in nodes.iter().zip(force) {
             let i = *node as usize;
-            let rest = self.rotation * (model.mesh.nodes[i] - self.rest);
+            let rest = self.rotation * (state.live.rest[i] - self.rest);
             *force -= a.cross(&rest) * state.live.mass[i];
         }
     }

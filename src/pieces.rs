@@ -17,7 +17,7 @@ use crate::model::Model;
 /// A pure function of which tetrahedra are alive.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Pieces {
-    /// Lowest node of each node's piece, or [`NONE`] where no tissue is left.
+    /// Highest node of each node's piece, or [`NONE`] where no tissue is left.
     pub label: Vec<u32>,
     pub count: usize,
     /// Rigid motions that nothing holds, over all pieces.
@@ -28,6 +28,26 @@ pub struct Pieces {
     /// Nodes of loose pieces, piece by piece in the order of labels, ascending; the end of each.
     nodes: Vec<u32>,
     ends: Vec<u32>,
+}
+
+/// What pieces are found from.
+pub struct Tissue<'a> {
+    /// A tetrahedron each.
+    pub tetrahedra: &'a [[u32; 4]],
+    pub alive: &'a [bool],
+    /// A node each: live tetrahedra round it.
+    pub star_count: &'a [u32],
+    /// A spare each: the node it comes from, or [`NONE`].
+    pub origin: &'a [u32],
+}
+
+impl Tissue<'_> {
+    fn free(&self, model: &Model, node: u32) -> [bool; 3] {
+        match self.origin.get(node as usize).copied().unwrap_or(node) {
+            NONE => [true; 3],
+            origin => model.boundary.free[origin as usize],
+        }
+    }
 }
 
 /// Tetrahedra that a group visits before it is the next one's turn.
@@ -42,13 +62,13 @@ pub struct Search {
     group: Vec<u32>,
     behind: Vec<u32>,
     reached: Vec<u32>,
-    /// A group each: the ends of its queue, a group it has met, its piece, the lowest node of what it reached,
+    /// A group each: the ends of its queue, a group it has met, its piece, the highest node of what it reached,
     /// whether it has somewhere to go.
     head: Vec<u32>,
     tail: Vec<u32>,
     met: Vec<u32>,
     piece: Vec<u32>,
-    lowest: Vec<u32>,
+    highest: Vec<u32>,
     runs: Vec<bool>,
     /// Whether that piece was loose.
     before: Vec<bool>,
@@ -73,7 +93,7 @@ impl Search {
             tail: room(),
             met: room(),
             piece: room(),
-            lowest: room(),
+            highest: room(),
             runs: Vec::with_capacity(count),
             before: Vec::with_capacity(count),
             claim: vec![NONE; model.mesh.nodes.len()],
@@ -108,7 +128,7 @@ impl Search {
         self.piece.push(piece);
         self.head.push(NONE);
         self.tail.push(NONE);
-        self.lowest.push(NONE);
+        self.highest.push(0);
         self.runs.push(false);
         self.queue(group, t);
     }
@@ -214,17 +234,22 @@ impl Search {
         self.tail.clear();
         self.met.clear();
         self.piece.clear();
-        self.lowest.clear();
+        self.highest.clear();
         self.runs.clear();
     }
 }
 
 impl Pieces {
     /// Of all that is alive.
-    pub fn whole(model: &Model, alive: &[bool]) -> Pieces {
+    pub fn whole(model: &Model, tissue: &Tissue) -> Pieces {
         let mut pieces = Pieces::default();
-        pieces.find_all(model, alive);
+        pieces.find_all(model, tissue);
         pieces
+    }
+
+    /// A vertex that has been split from another belongs to the same piece.
+    pub(crate) fn join(&mut self, new: u32, other: u32) {
+        self.label[new as usize] = self.label[other as usize];
     }
 
     /// Room for any division.
@@ -244,7 +269,7 @@ impl Pieces {
         self.ends.clone_from(&other.ends);
     }
 
-    fn find_all(&mut self, model: &Model, alive: &[bool]) {
+    fn find_all(&mut self, model: &Model, tissue: &Tissue) {
         let nodes = model.mesh.nodes.len();
         self.label.clear();
         self.label.resize(nodes, NONE);
@@ -253,45 +278,47 @@ impl Pieces {
         self.is_loose.clear();
         self.is_loose.resize(nodes, false);
         (self.count, self.rigid_modes) = (0, 0);
-        let mut queue = Vec::new();
-        let star = |v: usize| {
-            let star = model.topology.star(v).iter();
-            star.filter(|t| alive[**t as usize])
-        };
-        for seed in 0..nodes {
-            if self.label[seed] != NONE || star(seed).next().is_none() {
-                continue;
-            }
-            self.label[seed] = seed as u32;
-            queue.push(seed);
-            while let Some(vertex) = queue.pop() {
-                for t in star(vertex) {
-                    for other in model.mesh.tetrahedra[*t as usize] {
-                        if self.label[other as usize] == NONE {
-                            self.label[other as usize] = seed as u32;
-                            queue.push(other as usize);
-                        }
-                    }
+        // Each node's label leads to a higher node of its piece, the highest to itself.
+        let label = &mut self.label;
+        let live = tissue.tetrahedra.iter().zip(tissue.alive);
+        for (corners, _) in live.filter(|(_, alive)| **alive) {
+            let mut top = 0;
+            for node in corners {
+                if label[*node as usize] == NONE {
+                    label[*node as usize] = *node;
                 }
+                top = top.max(top_of(label, *node));
             }
-            self.count += 1;
+            for node in corners {
+                let own = top_of(label, *node);
+                label[own as usize] = top;
+            }
+        }
+        for v in (0..nodes).rev() {
+            if label[v] != NONE {
+                label[v] = label[label[v] as usize];
+                self.count += usize::from(label[v] == v as u32);
+            }
         }
         for v in 0..nodes as u32 {
             if self.label[v as usize] == v {
-                self.count_modes(model, v);
+                self.count_modes(model, tissue, v);
             }
         }
         self.list(model);
     }
 
     /// Rigid motions that supports leave a piece.
-    fn count_modes(&mut self, model: &Model, label: u32) {
-        let held = model.boundary.supported.iter();
-        let held = held.filter(|v| self.label[**v as usize] == label);
-        let free = free_modes(held.map(|v| {
-            let v = *v as usize;
-            (model.mesh.nodes[v], model.boundary.free[v])
-        }));
+    fn count_modes(&mut self, model: &Model, tissue: &Tissue, label: u32) {
+        let split = (0..)
+            .zip(tissue.origin)
+            .filter(|(_, origin)| **origin != NONE);
+        let own = model.boundary.supported.iter().map(|v| (*v, v));
+        let held = own.chain(split);
+        let held = held.filter(|(v, _)| self.label[*v as usize] == label);
+        let free = free_modes(
+            held.map(|(v, origin)| (model.mesh.nodes[*origin as usize], tissue.free(model, v))),
+        );
         self.set_modes(label, free);
     }
 
@@ -354,13 +381,11 @@ impl Pieces {
             && self.is_loose[self.label[node] as usize]
     }
 
-    /// After `removed` went, `star_count` live tetrahedra being left round each node: `severs` if a star has split
-    /// on the way.
+    /// After `removed` went: `severs` if a star has split on the way.
     pub(crate) fn update(
         &mut self,
         model: &Model,
-        alive: &[bool],
-        star_count: &[u32],
+        tissue: &Tissue,
         removed: &[u32],
         severs: bool,
         search: &mut Search,
@@ -369,7 +394,7 @@ impl Pieces {
         if model.is_pinched {
             // Vertices that hold parts together do not show in stars.
             let before = self.clone();
-            self.find_all(model, alive);
+            self.find_all(model, tissue);
             for node in self
                 .nodes
                 .iter()
@@ -384,12 +409,9 @@ impl Pieces {
             return;
         }
         let mut lists = false;
-        for v in removed
-            .iter()
-            .flat_map(|t| model.mesh.tetrahedra[*t as usize])
-        {
+        for v in removed.iter().flat_map(|t| tissue.tetrahedra[*t as usize]) {
             let label = self.label[v as usize];
-            if star_count[v as usize] > 0 || label == NONE {
+            if tissue.star_count[v as usize] > 0 || label == NONE {
                 continue;
             }
             self.label[v as usize] = NONE;
@@ -401,17 +423,17 @@ impl Pieces {
                 let renamed = search.changed.iter_mut().filter(|c| c.0 == v);
                 renamed.for_each(|c| c.0 = name);
             }
-            let supported = model.boundary.free[v as usize] != [true; 3];
+            let supported = tissue.free(model, v) != [true; 3];
             if name != NONE && (supported || (name != label && was_loose)) {
                 search.note(name, was_loose);
             }
         }
         if severs {
-            self.divide(model, alive, removed, search);
+            self.divide(model, tissue, removed, search);
         }
         for (label, was_loose) in &search.changed {
             if *label != NONE && self.label[*label as usize] == *label {
-                self.count_modes(model, *label);
+                self.count_modes(model, tissue, *label);
                 lists |= *was_loose || self.is_loose[*label as usize];
             }
         }
@@ -424,9 +446,9 @@ impl Pieces {
     /// left.
     fn rename(&mut self, old: u32) -> u32 {
         let mut new = NONE;
-        for v in 0..self.label.len() {
+        for v in (0..self.label.len()).rev() {
             if self.label[v] == old {
-                new = new.min(v as u32);
+                new = if new == NONE { v as u32 } else { new };
                 self.label[v] = new;
             }
         }
@@ -441,30 +463,31 @@ impl Pieces {
     }
 
     /// Finds which pieces the cut has divided. Those that are new, or lost some, are noted as changed.
-    fn divide(&mut self, model: &Model, alive: &[bool], removed: &[u32], search: &mut Search) {
+    fn divide(&mut self, model: &Model, tissue: &Tissue, removed: &[u32], search: &mut Search) {
+        let alive = tissue.alive;
         for t in removed {
             for t in model.topology.neighbour[*t as usize] {
                 if t != NONE && alive[t as usize] && search.group[t as usize] == NONE {
-                    let node = model.mesh.tetrahedra[t as usize][0];
+                    let node = tissue.tetrahedra[t as usize][0];
                     search.start(t, self.label[node as usize]);
                 }
             }
         }
         if search.run(model, alive) {
-            self.part(model, search);
+            self.part(tissue, search);
         }
         search.clear();
     }
 
     /// Names what a search has found to be apart.
-    fn part(&mut self, model: &Model, search: &mut Search) {
+    fn part(&mut self, tissue: &Tissue, search: &mut Search) {
         for k in 0..search.reached.len() {
             let t = search.reached[k];
             let Some(root) = search.is_off(t) else {
                 continue;
             };
-            for node in model.mesh.tetrahedra[t as usize] {
-                search.lowest[root] = search.lowest[root].min(node);
+            for node in tissue.tetrahedra[t as usize] {
+                search.highest[root] = search.highest[root].max(node);
                 self.label[node as usize] = NONE;
             }
         }
@@ -493,14 +516,14 @@ impl Pieces {
             } else {
                 search
                     .changed
-                    .push((search.lowest[group as usize], was_loose));
+                    .push((search.highest[group as usize], was_loose));
             }
         }
         for k in 0..search.reached.len() {
             let t = search.reached[k];
             if let Some(root) = search.is_off(t) {
-                for node in model.mesh.tetrahedra[t as usize] {
-                    self.label[node as usize] = search.lowest[root];
+                for node in tissue.tetrahedra[t as usize] {
+                    self.label[node as usize] = search.highest[root];
                 }
             }
         }
@@ -514,6 +537,14 @@ impl Pieces {
             }
         }
     }
+}
+
+/// The highest node that a node's label leads to.
+fn top_of(label: &[u32], mut node: u32) -> u32 {
+    while label[node as usize] != node {
+        node = label[node as usize];
+    }
+    node
 }
 
 /// 6 less the rank of the held axes' rows in the six rigid motions, of nodes at positions \[m\] with their

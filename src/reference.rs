@@ -8,6 +8,7 @@ use crate::cut;
 use crate::live::LiveMesh;
 use crate::loose;
 use crate::mesh::Vec3;
+use crate::mesh::topology::NONE;
 use crate::model::Model;
 use crate::model::dense::dot;
 use crate::model::precomputed::Interface;
@@ -66,7 +67,7 @@ pub fn solve(model: &Model, after_cuts: bool) -> Result<Reference, ReferenceErro
         equilibrium(model, &live).map_err(|e| ReferenceError::Statics(model.file.clone(), e))?;
     let mut smallest = f64::INFINITY;
     let mut inverted = 0;
-    for (t, nodes) in model.mesh.tetrahedra.iter().enumerate() {
+    for (t, nodes) in live.tetrahedra.iter().enumerate() {
         if live.alive[t] {
             let f = model.shape[t].deformation_gradient(&nodes.map(|v| u[v as usize]));
             smallest = smallest.min(f.determinant());
@@ -134,9 +135,20 @@ pub fn equilibrium(model: &Model, live: &LiveMesh) -> Result<(Vec<Vec3>, f64), S
             }
         }
     }
-    let free: Vec<[bool; 3]> = (model.boundary.free.iter().zip(&live.star_count))
-        .map(|(free, stars)| if *stars > 0 { *free } else { [false; 3] })
+    let free: Vec<[bool; 3]> = (live.star_count.iter().enumerate())
+        .map(|(i, stars)| {
+            if *stars > 0 {
+                live.free(model, i)
+            } else {
+                [false; 3]
+            }
+        })
         .collect();
+    for (new, origin) in live.origin.iter().enumerate() {
+        if *origin != NONE {
+            u[new] = u[*origin as usize];
+        }
+    }
     let external = external(model, live);
     let (pattern, tensors) = assemble(model, live);
     let residual = statics::solve(&pattern, &tensors, &free, &external, &mut u)?;
@@ -190,9 +202,9 @@ pub fn interface_error(model: &Model) -> Result<Option<f64>, StaticsError> {
 
 /// All that is alive in one matrix, whoever computes it in real time.
 fn assemble(model: &Model, live: &LiveMesh) -> (Pattern, Tensors) {
-    let pattern = Pattern::new(model.mesh.nodes.len(), &model.mesh.tetrahedra);
+    let pattern = Pattern::new(model.mesh.nodes.len(), &live.tetrahedra);
     let mut tensors = Tensors::zeros(&pattern);
-    for (t, nodes) in model.mesh.tetrahedra.iter().enumerate() {
+    for (t, nodes) in live.tetrahedra.iter().enumerate() {
         if live.alive[t] {
             let law = &model.material(t).law;
             tensors.accumulate(&pattern, nodes, &model.shape[t], law);

@@ -289,8 +289,12 @@ impl Simulation {
 
     /// Current position of shown vertex j \[m\].
     pub fn surface_vertex(&mut self, j: usize) -> Vec3 {
-        let node = self.model.surface_nodes[j] as usize;
-        self.model.mesh.nodes[node] + self.displacement(node)
+        let mut node = self.model.surface_nodes[j] as usize;
+        if node < self.state.live.pattern(&self.model).first {
+            // A spare that is not in use lies on the first vertex.
+            node = self.model.surface_nodes[0] as usize;
+        }
+        self.state.live.rest[node] + self.displacement(node)
     }
 
     /// Present displacement of a known node \[m\].
@@ -370,8 +374,8 @@ impl Simulation {
 }
 
 fn minimum_volume_ratio(model: &Model, state: &State, known: &[Lane]) -> f64 {
-    let ratio = model
-        .mesh
+    let ratio = state
+        .live
         .tetrahedra
         .iter()
         .enumerate()

@@ -141,6 +141,8 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
         .removed
         .iter()
         .for_each(|t| out.int(u64::from(*t)));
+    out.int(state.live.splits.len() as u64);
+    (state.live.splits.iter()).for_each(|k| out.int(u64::from(*k)));
     out.int(state.live.cleaned as u64);
     out.real(state.live.cleaned_volume);
     out.int(state.held.len() as u64);
@@ -218,6 +220,8 @@ pub fn size(state: &State) -> usize {
         + 6 * state.displacement.len()
         + 1
         + state.live.removed.len()
+        + 1
+        + state.live.splits.len()
         + 2
         + 1
         + 11 * state.held.len()
@@ -267,7 +271,14 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     for _ in 0..input.index(model.mesh.tetrahedra.len() + 1)? {
         removed.push(input.index(model.mesh.tetrahedra.len())? as u32);
     }
-    state.live = LiveMesh::after(model, &removed);
+    let mut splits = Vec::new();
+    for _ in 0..input.index(4 * (model.mesh.tetrahedra.len() + nodes) + 1)? {
+        splits.push(input.index(u32::MAX as usize)? as u32);
+    }
+    if !is_history(model, &removed, &splits) {
+        return Err(SnapshotError::Damaged);
+    }
+    state.live = LiveMesh::after(model, &removed, &splits);
     state.live.cleaned = input.index(removed.len() + 1)?;
     state.live.cleaned_volume = input.real()?;
     let supports = model.boundary.prescribed.len();
@@ -333,6 +344,25 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     state.refresh_all(model);
     state.coupling.drift = drift;
     Ok(state)
+}
+
+/// Whether splits name what there is, so that going through them fails nowhere.
+fn is_history(model: &Model, removed: &[u32], mut splits: &[u32]) -> bool {
+    let tetrahedra = model.mesh.tetrahedra.len();
+    while let [before, node, count, rest @ ..] = splits {
+        let fits = *before as usize <= removed.len()
+            && (*node as usize) < model.parts.moving
+            && *count as usize <= rest.len();
+        if !fits
+            || rest[..*count as usize]
+                .iter()
+                .any(|t| *t as usize >= tetrahedra)
+        {
+            return false;
+        }
+        splits = &rest[*count as usize..];
+    }
+    splits.is_empty()
 }
 
 fn read_tool(input: &mut In) -> Result<ToolState, SnapshotError> {

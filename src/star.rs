@@ -8,6 +8,10 @@
 //! edge with it stay linked round that edge, or that edge's star falls in two. So six walks round edges tell
 //! whether there is anything to do, and also whether a piece of tissue can have come apart.
 //!
+//! With `"rule": "duplicate"` a vertex star loses nothing: each further component gets a vertex of its own, as long as
+//! there are spares. An edge whose star has split while those of its ends have not is still repaired
+//! by losing.
+//!
 //! What is pre-computed cannot go: where a star holds any, the components with some of it stay, and if none of
 //! those has a dynamic tetrahedron (the two parts share but vertices), the largest dynamic one, too.
 
@@ -24,6 +28,15 @@ const EDGES: [[usize; 4]; 6] = [
     [1, 3, 0, 2],
     [2, 3, 0, 1],
 ];
+
+/// What a star that is not good needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Repair {
+    /// Tetrahedra go.
+    Lose,
+    /// They get a vertex of their own in place of this one.
+    Split(u32),
+}
 
 /// Stars still to be looked at. Scratch, reused from cut to cut.
 #[derive(Clone, Debug, Default)]
@@ -97,7 +110,7 @@ impl Worklist {
     /// are any.
     pub fn note(&mut self, model: &Model, live: &LiveMesh, t: u32) -> bool {
         let mut splits = false;
-        let nodes = &model.mesh.tetrahedra[t as usize];
+        let nodes = &live.tetrahedra[t as usize];
         for [a, b, c, d] in EDGES {
             if !linked_round(model, live, t, [a, b], [c, d]) {
                 splits = true;
@@ -109,34 +122,53 @@ impl Worklist {
         splits
     }
 
-    /// What the next star that is not good loses; false when all are good.
-    pub fn next(&mut self, model: &Model, live: &LiveMesh, lost: &mut Vec<u32>) -> bool {
-        lost.clear();
+    /// What to do for the next star that is not good, and with which tetrahedra; none when all are good.
+    pub fn next(&mut self, model: &Model, live: &LiveMesh, which: &mut Vec<u32>) -> Option<Repair> {
+        which.clear();
         // Vertices first: whatever hangs by one goes whole.
         while let Some(v) = self.vertices.pop() {
-            if self.split(model, live, [v, v]) {
-                self.lose(model, lost);
-                // The rest of this star is one component, but losing may split others.
-                return true;
+            if !self.split(model, live, [v, v]) {
+                continue;
             }
+            if model.parts.spares == 0 {
+                self.lose(model, which);
+                return Some(Repair::Lose);
+            }
+            // One component after the other.
+            let leaves = self.leaving(model);
+            self.vertices.push(v);
+            if let Some(leaves) = leaves {
+                let own = self.star.iter().zip(&self.component);
+                which.extend(own.filter(|(_, c)| **c == leaves).map(|(t, _)| t));
+                return Some(Repair::Split(v));
+            }
+            self.vertices.items.pop();
         }
         while let Some(edge) = self.edges.pop() {
             if self.split(model, live, edge) {
-                self.lose(model, lost);
-                return true;
+                self.lose(model, which);
+                return Some(Repair::Lose);
             }
         }
-        false
+        None
+    }
+
+    /// After node `old` has been split: edges still to be looked at may have gone with the new one.
+    pub fn note_split(&mut self, old: u32, new: u32) {
+        for at in self.edges.next..self.edges.items.len() {
+            let edge = self.edges.items[at];
+            if edge.contains(&old) {
+                self.edges
+                    .push(edge.map(|v| if v == old { new } else { v }));
+            }
+        }
     }
 
     /// Components of the live star of an edge, or of a vertex named twice. Whether there are several.
     fn split(&mut self, model: &Model, live: &LiveMesh, edge: [u32; 2]) -> bool {
-        let of_edge = |t: &&u32| {
-            let nodes = &model.mesh.tetrahedra[**t as usize];
-            live.alive[**t as usize] && (edge[0] == edge[1] || nodes.contains(&edge[1]))
-        };
+        let of_edge = |t: &u32| live.tetrahedra[*t as usize].contains(&edge[1]);
         self.star.clear();
-        (self.star).extend(model.topology.star(edge[0] as usize).iter().filter(of_edge));
+        (self.star).extend(live.star(model, edge[0]).filter(of_edge));
         self.component.clear();
         self.component.resize(self.star.len(), NONE);
         self.place.resize(model.mesh.tetrahedra.len(), NONE);
@@ -152,7 +184,7 @@ impl Worklist {
             self.stack.push(seed as u32);
             while let Some(at) = self.stack.pop() {
                 let t = self.star[at as usize] as usize;
-                let nodes = &model.mesh.tetrahedra[t];
+                let nodes = &live.tetrahedra[t];
                 for (node, other) in nodes.iter().zip(&model.topology.neighbour[t]) {
                     // The face opposite a node of the edge does not contain the edge.
                     if *other == NONE || edge.contains(node) {
@@ -177,6 +209,23 @@ impl Worklist {
 
     /// All but what stays of the star in hand.
     fn lose(&mut self, model: &Model, lost: &mut Vec<u32>) {
+        self.choose(model);
+        let gone = |(_, c): &(&u32, &u32)| !self.stays[**c as usize];
+        lost.extend(
+            (self.star.iter().zip(&self.component))
+                .filter(gone)
+                .map(|(t, _)| t),
+        );
+    }
+
+    /// The first component that does not stay.
+    fn leaving(&mut self, model: &Model) -> Option<u32> {
+        self.choose(model);
+        self.stays.iter().position(|s| !s).map(|k| k as u32)
+    }
+
+    /// Which components of the star in hand stay.
+    fn choose(&mut self, model: &Model) {
         let count = self.volume.len();
         self.stays.clear();
         self.stays.resize(count, false);
@@ -202,17 +251,12 @@ impl Worklist {
             }
             self.stays[largest] = true;
         }
-        let gone = |(_, c): &(&u32, &u32)| !self.stays[**c as usize];
-        lost.extend(
-            (self.star.iter().zip(&self.component))
-                .filter(gone)
-                .map(|(t, _)| t),
-        );
     }
 
     /// Whether some live vertex star is not good.
     pub fn is_pinched(&mut self, model: &Model, live: &LiveMesh) -> bool {
-        (0..model.mesh.nodes.len() as u32).any(|v| self.split(model, live, [v, v]))
+        let used = (0..model.mesh.nodes.len() as u32).filter(|v| live.star_count[*v as usize] > 0);
+        used.into_iter().any(|v| self.split(model, live, [v, v]))
     }
 
     /// Whether every live star of the mesh is good, vertices and edges.
@@ -220,7 +264,7 @@ impl Worklist {
         let vertices = !self.is_pinched(model, live);
         let mut edge = |t: &[u32; 4], [a, b, ..]: [usize; 4]| self.split(model, live, [t[a], t[b]]);
         vertices
-            && (model.mesh.tetrahedra.iter().zip(&live.alive))
+            && (live.tetrahedra.iter().zip(&live.alive))
                 .filter(|(_, alive)| **alive)
                 .all(|(t, _)| EDGES.iter().all(|e| !edge(t, *e)))
     }

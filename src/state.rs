@@ -237,8 +237,9 @@ impl State {
 
     fn refresh_inverse_mass(&mut self, model: &Model, node: usize) {
         let mass = self.live.mass[node];
+        let free = self.live.free(model, node);
         for axis in 0..3 {
-            let moves = model.boundary.free[node][axis] && mass > 0.0;
+            let moves = free[axis] && mass > 0.0;
             self.inverse_mass[node].0[axis] = if moves { 1.0 / mass } else { 0.0 };
         }
     }
@@ -260,9 +261,9 @@ impl State {
     }
 
     /// Current position \[m\]; of a node that is never known, its rest position.
-    pub fn position(&self, model: &Model, node: u32) -> Vec3 {
+    pub fn position(&self, _model: &Model, node: u32) -> Vec3 {
         let displacement = self.displacement.get(node as usize);
-        model.mesh.nodes[node as usize] + displacement.map_or(Vec3::zeros(), Lane::xyz)
+        self.live.rest[node as usize] + displacement.map_or(Vec3::zeros(), Lane::xyz)
     }
 
     /// Copies without allocating where the vectors are large enough; the live mesh by the removals

@@ -418,7 +418,7 @@ fn set_targets(model: &Model, state: &mut State, h: f64) {
     for held in &mut state.held {
         let i = held.node as usize;
         held.target = match held.tool {
-            Some(tool) => state.tools[tool as usize].pose.point(&held.local) - model.mesh.nodes[i],
+            Some(tool) => state.tools[tool as usize].pose.point(&held.local) - state.live.rest[i],
             None => model.boundary.prescribed[held.support as usize].at(time),
         };
         held.velocity = (held.target - state.displacement[i].xyz()) / h;

@@ -76,8 +76,8 @@ pub fn measure(model: &Model, t: usize, u: &[Vec3; 4]) -> f64 {
 }
 
 /// The displacements that [`measure`] is asked about: of a loose piece in its frame, `loose` having located it.
-pub fn displacements(model: &Model, state: &State, loose: &loose::Scratch, t: usize) -> [Vec3; 4] {
-    let nodes = model.mesh.tetrahedra[t];
+pub fn displacements(state: &State, loose: &loose::Scratch, t: usize) -> [Vec3; 4] {
+    let nodes = state.live.tetrahedra[t];
     if turns(state, nodes[0]) {
         return nodes.map(|v| loose.local(v));
     }
@@ -92,12 +92,12 @@ fn turns(state: &State, node: u32) -> bool {
 /// Live dynamic tetrahedra past the threshold and their measures, by looking at all of them.
 pub fn past_threshold(model: &Model, state: &State) -> Vec<(f64, u32)> {
     let mut loose = loose::Scratch::new(model);
-    loose.locate(model, state);
+    loose.locate(state);
     let threshold = state.parameters.tearing_threshold;
     (0..model.shape.len())
         .filter(|t| model.parts.dynamic[*t] && state.live.alive[*t])
         .map(|t| {
-            let u = displacements(model, state, &loose, t);
+            let u = displacements(state, &loose, t);
             (measure(model, t, &u), t as u32)
         })
         .filter(|(measure, _)| *measure > threshold)
@@ -115,7 +115,7 @@ pub fn tear(
     if model.scene.tearing.is_none() {
         return;
     }
-    loose.locate(model, state);
+    loose.locate(state);
     let list = tears.find(model, state, loose);
     if !list.is_empty() {
         cut::event(model, state, scratch, loose, list);
@@ -209,15 +209,17 @@ impl Tears {
                 if !state.live.alive[*t as usize] {
                     continue;
                 }
-                let u = displacements(model, state, loose, *t as usize);
+                let u = displacements(state, loose, *t as usize);
                 let measure = measure(model, *t as usize, &u);
                 if measure > threshold {
                     self.found.push((measure, *t));
                 }
                 let allowed = allowed(model, *t as usize, &u, nearly - measure);
-                // The way in a turning frame is not known.
-                let turns = turns(state, model.mesh.tetrahedra[*t as usize][0]);
-                let reach = if turns { 0.0 } else { *reach };
+                // The way in a turning frame is not known, nor that of a vertex that has been split.
+                let turns = turns(state, state.live.tetrahedra[*t as usize][0]);
+                let is_split =
+                    state.live.tetrahedra[*t as usize] != model.mesh.tetrahedra[*t as usize];
+                let reach = if turns || is_split { 0.0 } else { *reach };
                 block.room = block.room.min(reach * allowed);
             }
             self.looked_at += tetrahedra.len() as u64;

@@ -339,6 +339,7 @@ fn whole(value: u64) -> i32 {
 
 fn scene_node(s: &Simulation, j: usize) -> i32 {
     let model = s.model();
+    // Spares show none.
     model.scene_node[model.surface_nodes[j] as usize] as i32
 }
 

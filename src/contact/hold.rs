@@ -256,8 +256,9 @@ pub fn release(model: &Model, state: &mut State, which: impl Fn(&Held) -> bool) 
         if goes {
             // One tool holds a node at most; what supports hold is not free.
             let i = h.node as usize;
+            let free = live.free(model, i);
             for axis in 0..3 {
-                let moves = model.boundary.free[i][axis] && live.mass[i] > 0.0;
+                let moves = free[axis] && live.mass[i] > 0.0;
                 inverse_mass[i].0[axis] = if moves { 1.0 / live.mass[i] } else { 0.0 };
             }
         }

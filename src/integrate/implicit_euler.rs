@@ -49,6 +49,7 @@ struct Key {
     substep: f64,
     damping: f64,
     removed: Vec<u32>,
+    splits: Vec<u32>,
 }
 
 /// Empty with other schemes.
@@ -97,7 +98,11 @@ impl Scratch {
             return Scratch::default();
         }
         let moving = model.parts.moving;
-        let free = |i: usize| model.boundary.free[i].map(|f| f && model.whole.mass[i] > 0.0);
+        // Spares may be needed.
+        let free = |i: usize| match i < model.parts.spares {
+            true => [true; 3],
+            false => model.boundary.free[i].map(|f| f && model.whole.mass[i] > 0.0),
+        };
         let dof: Vec<u32> = (0..3 * moving)
             .filter(|dof| free(dof / 3)[dof % 3])
             .map(|dof| dof as u32)
@@ -143,28 +148,34 @@ impl Scratch {
     fn factorise(&mut self, model: &Model, state: &State, h: f64) -> Result<(), StaticsError> {
         let damping = state.parameters.damping;
         let removed = &state.live.removed[..state.factored.removed];
+        let splits = state.live.splits_before(removed.len());
         let Some(numbering) = &self.numbering else {
             return Ok(());
         };
         let is_there = self.factor.is_some()
             && (self.key.substep, self.key.damping) == (h, damping)
-            && self.key.removed == removed;
+            && self.key.removed == removed
+            && self.key.splits == splits;
         if is_there {
             return Ok(());
         }
         self.factor = None;
         let mut then = None;
         if removed.len() < state.live.removed.len() {
-            then = Some(LiveMesh::after(model, removed));
+            then = Some(LiveMesh::after(model, removed, splits));
         }
         let live = then.as_ref().unwrap_or(&state.live);
         // What tissue has left altogether stays an unknown, alone.
         let mass: Vec<f64> = (live.mass.iter().zip(&model.whole.mass))
             .take(model.parts.moving)
-            .map(|(now, whole)| if *now > 0.0 { *now } else { *whole })
+            .map(|(now, whole)| match (*now > 0.0, *whole > 0.0) {
+                (true, _) => *now,
+                (_, true) => *whole,
+                _ => 1.0,
+            })
             .collect();
         let shift = (1.0 + damping * h) / (h * h);
-        let entries = model.stiffness(&live.tensors).entries();
+        let entries = live.stiffness(model).entries();
         let factor = Factor::new(entries, numbering, Some((shift, &mass)))?;
         let room = factor.room(1);
         self.factor = Some((factor, room));
@@ -172,6 +183,8 @@ impl Scratch {
         self.key.damping = damping;
         self.key.removed.clear();
         self.key.removed.extend_from_slice(removed);
+        self.key.splits.clear();
+        self.key.splits.extend_from_slice(splits);
         self.held.clear();
         self.place.clear();
         self.known.clear();
@@ -368,7 +381,7 @@ pub(super) fn substep(
     work.loose.brake = 1.0 / (1.0 + damping * h);
     evaluate(model, state, work, damping);
     work.loose.brake = 1.0;
-    work.loose.add_inertia(model, state, &mut work.residual);
+    work.loose.add_inertia(state, &mut work.residual);
     work.iterations = solve(model, state, work, h);
     if state.factored.removed < state.live.removed.len() {
         state.factored.spent += work.iterations.saturating_sub(1);
@@ -392,7 +405,7 @@ pub(super) fn substep(
         }
     }
 
-    work.loose.land(model, state, h);
+    work.loose.land(state, h);
     evaluate(model, state, work, state.parameters.damping);
     let (lost, braked) = work.loose.lost(model, state, &work.residual, h);
     work.damped -= braked;
@@ -484,7 +497,12 @@ fn solve(model: &Model, state: &mut State, work: &mut Workspace, h: f64) -> u64 
             mass: &state.live.mass[..moving],
         };
         let still = Advance::symplectic_euler(0.0, 0.0, 0.0);
-        sweep(&model.pattern, &state.live.tensors, motion, &still);
+        sweep(
+            state.live.pattern(model),
+            &state.live.tensors,
+            motion,
+            &still,
+        );
         loose.turn(state, true, force);
         for k in 0..s.dof.len() {
             let (i, axis) = (s.dof[k] as usize / 3, s.dof[k] as usize % 3);

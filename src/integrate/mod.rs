@@ -51,7 +51,7 @@ fn evaluate(model: &Model, state: &mut State, work: &mut Workspace, damping: f64
 /// hold and of the loose ones; elastic energy is all in the first.
 fn sweep(model: &Model, state: &mut State, work: &mut Workspace, by: &Advance) -> [Sums; 2] {
     let moving = model.parts.moving;
-    work.loose.set_aside(model, state);
+    work.loose.set_aside(state);
     inject(model, &state.coupling, &mut work.partial);
     let mut motion = Motion {
         displacement: &mut state.displacement[..moving],

@@ -143,7 +143,9 @@ impl Boundary {
     /// The same with other node numbers, `new_number[old]` and `old_number[new]`. Where two new nodes
     /// have the same old number both are held, but only the first named carries the load.
     pub fn renumbered(self, new_number: &[u32], old_number: &[u32]) -> Boundary {
-        let held = |of: &[[bool; 3]]| old_number.iter().map(|old| of[*old as usize]).collect();
+        // Spares have no old number.
+        let axes = |of: &[[bool; 3]], old: u32| of.get(old as usize).copied().unwrap_or_default();
+        let held = |of: &[[bool; 3]]| old_number.iter().map(|old| axes(of, *old)).collect();
         let mut loads: Vec<LoadedNode> = (self.loads.iter())
             .map(|l| LoadedNode {
                 node: new_number[l.node as usize],
@@ -157,7 +159,9 @@ impl Boundary {
             prescribed.push(PrescribedNode { node: first, ..*p });
         }
         for (new, old) in old_number.iter().enumerate() {
-            let is_copy = new_number[*old as usize] as usize != new;
+            let is_copy = new_number
+                .get(*old as usize)
+                .is_some_and(|first| *first as usize != new);
             if let Some(p) = self.prescribed.iter().find(|p| is_copy && p.node == *old) {
                 prescribed.push(PrescribedNode {
                     node: new as u32,

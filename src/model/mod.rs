@@ -23,10 +23,10 @@ use crate::live::LiveMesh;
 use crate::mesh::check::MeshReport;
 use crate::mesh::topology::{Face, NONE, Topology};
 use crate::mesh::{self, MeshError, TetMesh, Vec3};
-use crate::pieces::{Pieces, free_modes};
+use crate::pieces::{Pieces, Tissue, free_modes};
 use crate::scene::{
-    Connection, InterfaceMass, ModelKind, ModelSettings, OutputVertices, Scene, SceneError, Scheme,
-    Selector, Start, ToolKind, select_tetrahedra,
+    Connection, CutRule, InterfaceMass, ModelKind, ModelSettings, OutputVertices, Scene,
+    SceneError, Scheme, Selector, Start, ToolKind, select_tetrahedra,
 };
 use crate::star::Worklist;
 use crate::statics::StaticsError;
@@ -74,6 +74,15 @@ pub enum ModelError {
     Statics(String, StaticsError),
 }
 
+/// How many vertices cuts may split.
+fn spare_vertices(scene: &Scene, dynamic_nodes: usize) -> usize {
+    match (scene.cutting.rule, scene.cutting.spare_vertices) {
+        (CutRule::Remove, _) => 0,
+        (CutRule::Duplicate, Some(count)) => count,
+        (CutRule::Duplicate, None) => dynamic_nodes.div_ceil(2),
+    }
+}
+
 /// What an earlier build of the same scene has found.
 #[derive(Debug, Default)]
 pub struct Known {
@@ -91,7 +100,7 @@ pub struct Model {
     pub file: String,
     pub mesh: TetMesh,
     pub report: MeshReport,
-    /// Scene number of each node. Two nodes have the same where the parts of a hybrid are not connected.
+    /// Scene number of each node, [`NONE`] for spares. Two nodes have the same where the parts of a hybrid are not connected.
     pub scene_node: Vec<u32>,
     /// Node of each scene number, the moving one of two.
     pub node: Vec<u32>,
@@ -164,23 +173,27 @@ impl Model {
         let key = precomputed_key(&scene, &mesh);
         let fingerprint = fingerprint(&scene, &mesh);
         let partition = Partition::new(&scene, mesh, file)?;
-        let (order, parts) = partition.order(&scene, file)?;
+        let (order, mut parts) = partition.order(&scene, file)?;
+        let spares = spare_vertices(&scene, parts.moving);
+        parts.spares = spares;
+        parts.moving += spares;
+        parts.known += spares;
         let mut node = vec![0; order.len()];
         for (new, old) in order.iter().enumerate() {
-            node[*old as usize] = new as u32;
+            node[*old as usize] = (spares + new) as u32;
         }
+        // Spares lie somewhere.
+        let somewhere = partition.mesh.nodes.first().copied();
         let mesh = TetMesh {
-            nodes: order
-                .iter()
-                .map(|old| partition.mesh.nodes[*old as usize])
+            nodes: std::iter::repeat_n(somewhere.unwrap_or_default(), spares)
+                .chain(order.iter().map(|old| partition.mesh.nodes[*old as usize]))
                 .collect(),
             tetrahedra: (partition.mesh.tetrahedra.iter())
                 .map(|t| t.map(|v| node[v as usize]))
                 .collect(),
         };
-        let scene_node: Vec<u32> = order
-            .iter()
-            .map(|old| partition.origin[*old as usize])
+        let scene_node: Vec<u32> = std::iter::repeat_n(NONE, spares)
+            .chain(order.iter().map(|old| partition.origin[*old as usize]))
             .collect();
         node.truncate(scene_nodes);
         let boundary = boundary.renumbered(&node, &scene_node);
@@ -190,7 +203,7 @@ impl Model {
             .filter(moves)
             .map(|t| mesh.tetrahedra[t])
             .collect();
-        let pattern = Pattern::new(parts.moving, &dynamic);
+        let pattern = Pattern::with_spares(spares, parts.moving, &dynamic);
         let shape: Vec<Shape> = mesh
             .tetrahedra
             .iter()
@@ -479,7 +492,7 @@ impl Model {
         let cuttable = self.can_be_cut();
         match self.scene.outputs.vertices {
             OutputVertices::None => {}
-            OutputVertices::All => shown.fill(true),
+            OutputVertices::All => shown[self.parts.spares..].fill(true),
             OutputVertices::Surface => {
                 for v in 0..self.parts.moving {
                     shown[v] = cuttable && self.whole.star_count[v] > 0;
@@ -494,12 +507,21 @@ impl Model {
             .filter(|v| shown[*v as usize])
             .collect();
         nodes.sort_by_key(|v| self.shown_key(*v));
+        if self.scene.outputs.vertices != OutputVertices::None {
+            // In the order in which they are used.
+            nodes.extend((0..self.parts.spares as u32).rev());
+        }
         nodes
     }
 
-    fn shown_key(&self, node: u32) -> (u32, bool) {
-        let scene_node = self.scene_node[node as usize];
-        (scene_node, self.node[scene_node as usize] != node)
+    fn shown_key(&self, node: u32) -> (u32, u32) {
+        match self.scene_node[node as usize] {
+            NONE => (NONE, self.parts.spares as u32 - node),
+            scene_node => (
+                scene_node,
+                u32::from(self.node[scene_node as usize] != node),
+            ),
+        }
     }
 
     /// Place of a node among the shown ones, or -1.
@@ -536,7 +558,13 @@ impl Model {
     /// held.
     pub fn precomputed_rigid_modes(&self, connection_held: bool) -> usize {
         let inside: Vec<bool> = self.parts.dynamic.iter().map(|d| !d).collect();
-        let pieces = Pieces::whole(self, &inside);
+        let tissue = Tissue {
+            tetrahedra: &self.mesh.tetrahedra,
+            alive: &inside,
+            star_count: &[],
+            origin: &[],
+        };
+        let pieces = Pieces::whole(self, &tissue);
         let moving = self.parts.moving;
         let modes = |label: usize| {
             let nodes = (0..pieces.label.len()).filter(|v| pieces.label[*v] as usize == label);

@@ -17,7 +17,9 @@ use crate::scene::{
 pub struct Parts {
     /// A tetrahedron each: has mass and tensors of its own. The others are pre-computed.
     pub dynamic: Vec<bool>,
-    /// Nodes that are integrated, connection nodes being the last of them.
+    /// The first nodes: spares for vertices that cuts split.
+    pub spares: usize,
+    /// Nodes that are integrated, spares among them, connection nodes being the last of them.
     pub moving: usize,
     pub connection: usize,
     /// Pre-computed nodes after the moving ones that tools can touch.
@@ -142,6 +144,7 @@ impl Partition {
         let upto = |last: u8| kind.iter().filter(|k| **k <= last).count();
         let parts = Parts {
             dynamic: self.dynamic.clone(),
+            spares: 0,
             moving: upto(1),
             connection: upto(1) - upto(0),
             touchable: upto(2) - upto(1),

@@ -31,7 +31,8 @@ impl Model {
     pub fn limiting_frequency(&self) -> f64 {
         let mass_goes = self.scene.cutting.mass == CutMass::Removed
             && self.scene.integration.mass == Mass::Lumped;
-        if self.can_be_cut() && mass_goes {
+        // Where a vertex splits, a constraint goes.
+        if self.can_be_cut() && (mass_goes || self.parts.spares > 0) {
             // Reduced interface modes are not bounded by elements.
             self.spectrum.element_bound.max(self.spectrum.highest)
         } else {

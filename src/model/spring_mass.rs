@@ -47,40 +47,46 @@ pub(super) struct Four {
 /// Springs of an edge pattern, each in the row of its lower node.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Springs {
-    /// Row i is `row_start[i]..row_start[i + 1]` of `four`.
+    /// Row i is `row_start[i]..row_start[i + 1]` of `four`; rows of spares are as in [`Pattern`].
     pub(super) row_start: Vec<u32>,
+    pub(super) first: usize,
     pub(super) four: Vec<Four>,
 }
 
 impl Springs {
     /// Without stiffness yet; `rest` holds the rest positions \[m\].
     pub fn new(pattern: &Pattern, rest: &[Vec3]) -> Springs {
+        let pool = SPARE_FOURS * pattern.first;
         let mut springs = Springs {
-            row_start: vec![0],
-            four: Vec::new(),
+            row_start: vec![pool as u32; pattern.first + 1],
+            first: pattern.first,
+            four: vec![Four::unused(0); pool],
         };
-        for i in 0..pattern.nodes() {
+        for i in pattern.first..pattern.nodes() {
             // The row's first entry is the node itself.
             for chunk in pattern.column[pattern.row(i)][1..].chunks(4) {
-                let mut four = Four {
-                    rest: [[0.0; 4]; 3],
-                    length: [1.0; 4],
-                    stiffness: [0.0; 4],
-                    node: [i as u32; 4],
-                };
-                for (lane, j) in chunk.iter().enumerate() {
-                    let r = rest[*j as usize] - rest[i];
-                    for axis in 0..3 {
-                        four.rest[axis][lane] = r[axis];
-                    }
-                    four.length[lane] = r.norm();
-                    four.node[lane] = *j;
-                }
-                springs.four.push(four);
+                springs.four.push(Four::new(i, chunk, rest));
             }
             springs.row_start.push(springs.four.len() as u32);
         }
         springs
+    }
+
+    /// Whether there is a spare row for so many neighbours.
+    pub(crate) fn has_room(&self, neighbours: usize) -> bool {
+        self.row_start[self.first] as usize >= neighbours.div_ceil(4)
+    }
+
+    /// Gives the next spare a row, as [`Pattern::open`].
+    pub(crate) fn open(&mut self, neighbours: &[u32], rest: &[Vec3]) {
+        let row = self.first - 1;
+        let end = self.row_start[self.first] as usize;
+        let start = end - neighbours.len().div_ceil(4);
+        for (four, chunk) in self.four[start..end].iter_mut().zip(neighbours.chunks(4)) {
+            *four = Four::new(row, chunk, rest);
+        }
+        self.row_start[..=row].fill(start as u32);
+        self.first = row;
     }
 
     /// Adds the six springs of one tetrahedron of rest positions `rest`.
@@ -140,8 +146,8 @@ impl Springs {
             }
         }
         for (j, place) in pattern.lower(i) {
-            if let Some((four, lane)) = self.at(pattern, *j as usize, *place as usize) {
-                let w = u_i - u[*j as usize].xyz();
+            if let Some((four, lane)) = self.at(pattern, j as usize, place as usize) {
+                let w = u_i - u[j as usize].xyz();
                 sum += self.four[four].pull(lane, &w).0;
             }
         }
@@ -165,7 +171,7 @@ impl Springs {
     /// Linear springs with a stiffness matrix of k and n each.
     fn network(&self, pattern: &Pattern, of: impl Fn(f64, &Vec3) -> Matrix3<f64>) -> Tensors {
         let mut tensors = Tensors::zeros(pattern);
-        for i in 0..pattern.nodes() {
+        for i in pattern.first..pattern.nodes() {
             let row = pattern.row(i);
             for place in row.start + 1..row.end {
                 let Some((four, lane)) = self.at(pattern, i, place) else {
@@ -189,7 +195,33 @@ impl Springs {
     }
 }
 
+/// Room that a spare row has, on the average.
+const SPARE_FOURS: usize = 4;
+
 impl Four {
+    fn unused(i: usize) -> Four {
+        Four {
+            rest: [[0.0; 4]; 3],
+            length: [1.0; 4],
+            stiffness: [0.0; 4],
+            node: [i as u32; 4],
+        }
+    }
+
+    /// Springs from i to up to four others, without stiffness yet.
+    fn new(i: usize, others: &[u32], rest: &[Vec3]) -> Four {
+        let mut four = Four::unused(i);
+        for (lane, j) in others.iter().enumerate() {
+            let r = rest[*j as usize] - rest[i];
+            for axis in 0..3 {
+                four.rest[axis][lane] = r[axis];
+            }
+            four.length[lane] = r.norm();
+            four.node[lane] = *j;
+        }
+        four
+    }
+
     fn rest_vector(&self, lane: usize) -> Vec3 {
         Vec3::new(self.rest[0][lane], self.rest[1][lane], self.rest[2][lane])
     }

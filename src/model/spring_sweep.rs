@@ -22,7 +22,7 @@ pub fn sweep(springs: &Springs, m: &mut Motion, by: &Advance) -> Sums {
 /// The same in plain code, for machines without AVX2 and as the fast form's oracle.
 pub fn plain(springs: &Springs, m: &mut Motion, by: &Advance) -> Sums {
     let mut sums = Sums::default();
-    for i in 0..m.mass.len() {
+    for i in springs.first..m.mass.len() {
         let u_i = m.displacement[i].xyz();
         for four in springs.row(i) {
             for lane in 0..4 {
@@ -60,7 +60,7 @@ unsafe fn avx2(springs: &Springs, m: &mut Motion, by: &Advance) -> Sums {
     let collapsed = _mm256_set1_pd(COLLAPSED);
     let mut lagging = zero;
     let (mut elastic, mut kinetic, mut leading, mut work) = (zero, zero, zero, zero);
-    for i in 0..m.mass.len() {
+    for i in springs.first..m.mass.len() {
         // SAFETY: i and all nodes j are below the common length of the slices.
         unsafe {
             let u_i = _mm256_load_pd(u.add(4 * i));

@@ -125,7 +125,7 @@ pub fn sweep(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, by: &Advance)
 /// The same in plain code, for machines without AVX2 and as the fast form's oracle.
 pub fn plain(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, by: &Advance) -> Sums {
     let mut sums = Sums::default();
-    for i in 0..pattern.nodes() {
+    for i in pattern.first..pattern.nodes() {
         let u_i = m.displacement[i].0;
         let mut internal = m.partial[i].0;
         m.partial[i] = Lane::default();
@@ -197,8 +197,8 @@ unsafe fn avx2(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, by: &Advanc
     let minus_c = _mm256_set1_pd(-by.damping);
     let mut lagging = zero;
     let (mut elastic, mut kinetic, mut leading, mut work) = (zero, zero, zero, zero);
-    let mut place = 0usize;
-    for i in 0..pattern.nodes() {
+    let mut place = pattern.row_start[pattern.first] as usize;
+    for i in pattern.first..pattern.nodes() {
         // SAFETY: i < n; place and column[place] stay inside by Pattern's construction; a block's
         // last four-wide load reaches one number past it, which the padding covers.
         unsafe {

@@ -9,6 +9,7 @@ use nalgebra::Matrix3;
 use crate::element::constant_strain::Shape;
 use crate::law::linear::Hooke;
 use crate::mesh::Vec3;
+use crate::mesh::topology::NONE;
 
 /// Three numbers and a zero, aligned for a 32-byte load.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -27,19 +28,36 @@ impl From<Vec3> for Lane {
     }
 }
 
-/// Which vertices share an edge. Immutable, shared by all instances.
-#[derive(Clone, Debug, Default)]
+/// Which vertices share an edge. Shared by all instances, but where cuts split vertices: then each has its own.
+///
+/// The first nodes may be spares for vertices that split. They are used from the last to the first, each with a
+/// row of all its neighbours, so that rows stay sorted and a sweep begins at the newest.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Pattern {
-    /// Row i is `row_start[i]..row_start[i + 1]` of `column`; its first entry is i itself.
+    /// Row i is `row_start[i]..row_start[i + 1]` of `column`; its first entry is i itself. Rows of spares
+    /// that are not in use are empty.
     pub row_start: Vec<u32>,
     pub column: Vec<u32>,
+    /// First row in use.
+    pub first: usize,
+    /// Of rows that were opened: the last entry (row, place, entry before) with each node as its column.
+    opened_last: Vec<u32>,
+    opened: Vec<[u32; 3]>,
     /// Entries (row, place in `column`) with column i and row < i: what row i holds as transposes.
     lower_start: Vec<u32>,
     lower: Vec<(u32, u32)>,
 }
 
+/// Places that a spare row has, on the average.
+const SPARE_ROW: usize = 14;
+
 impl Pattern {
     pub fn new(nodes: usize, tetrahedra: &[[u32; 4]]) -> Pattern {
+        Pattern::with_spares(0, nodes, tetrahedra)
+    }
+
+    /// The first `spares` of the nodes belong to no tetrahedron.
+    pub fn with_spares(spares: usize, nodes: usize, tetrahedra: &[[u32; 4]]) -> Pattern {
         let mut edges: Vec<(u32, u32)> = Vec::with_capacity(6 * tetrahedra.len());
         for t in tetrahedra {
             for a in 0..4 {
@@ -48,10 +66,12 @@ impl Pattern {
                 }
             }
         }
-        edges.extend((0..nodes as u32).map(|i| (i, i)));
+        edges.extend((spares as u32..nodes as u32).map(|i| (i, i)));
         edges.sort_unstable();
         edges.dedup();
+        let pool = SPARE_ROW * spares;
         let mut row_start = vec![0u32; nodes + 1];
+        row_start[0] = pool as u32;
         let mut lower_start = vec![0u32; nodes + 1];
         for (i, j) in &edges {
             row_start[*i as usize + 1] += 1;
@@ -64,16 +84,25 @@ impl Pattern {
             lower_start[i + 1] += lower_start[i];
         }
         let mut next = lower_start.clone();
-        let mut lower = vec![(0, 0); edges.len() - nodes];
+        let mut lower = vec![(0, 0); edges.len() - (nodes - spares)];
         for (place, (i, j)) in edges.iter().enumerate() {
             if i != j {
-                lower[next[*j as usize] as usize] = (*i, place as u32);
+                lower[next[*j as usize] as usize] = (*i, (pool + place) as u32);
                 next[*j as usize] += 1;
             }
         }
+        let mut column = vec![0; pool];
+        column.extend(edges.into_iter().map(|e| e.1));
         Pattern {
             row_start,
-            column: edges.into_iter().map(|e| e.1).collect(),
+            column,
+            first: spares,
+            opened_last: if spares > 0 {
+                vec![NONE; nodes]
+            } else {
+                Vec::new()
+            },
+            opened: Vec::with_capacity(pool),
             lower_start,
             lower,
         }
@@ -84,7 +113,41 @@ impl Pattern {
     }
 
     pub fn edges(&self) -> usize {
-        self.column.len() - self.nodes()
+        self.column.len() - self.row_start[self.first] as usize - (self.nodes() - self.first)
+    }
+
+    /// Gives the next spare a row. `neighbours` ascend. None where there is no room.
+    pub(crate) fn open(&mut self, neighbours: &[u32]) -> Option<u32> {
+        let row = self.first.checked_sub(1)?;
+        let end = self.row_start[self.first] as usize;
+        let start = end.checked_sub(1 + neighbours.len())?;
+        self.column[start] = row as u32;
+        self.column[start + 1..end].copy_from_slice(neighbours);
+        for (k, j) in neighbours.iter().enumerate() {
+            let before =
+                std::mem::replace(&mut self.opened_last[*j as usize], self.opened.len() as u32);
+            self.opened
+                .push([row as u32, (start + 1 + k) as u32, before]);
+        }
+        self.row_start[..=row].fill(start as u32);
+        self.first = row;
+        Some(row as u32)
+    }
+
+    /// Keeps the room that there is.
+    pub(crate) fn copy_from(&mut self, other: &Pattern) {
+        self.row_start.clone_from(&other.row_start);
+        self.column.clone_from(&other.column);
+        self.first = other.first;
+        self.opened_last.clone_from(&other.opened_last);
+        self.opened.clone_from(&other.opened);
+        self.lower_start.clone_from(&other.lower_start);
+        self.lower.clone_from(&other.lower);
+    }
+
+    /// Room for all rows that can be opened.
+    pub(crate) fn reserve(&mut self) {
+        self.opened.reserve(self.row_start[self.first] as usize);
     }
 
     pub(super) fn row(&self, i: usize) -> std::ops::Range<usize> {
@@ -92,8 +155,15 @@ impl Pattern {
     }
 
     /// Neighbours j < i of node i, each with the place of (j, i).
-    pub(super) fn lower(&self, i: usize) -> &[(u32, u32)] {
-        &self.lower[self.lower_start[i] as usize..self.lower_start[i + 1] as usize]
+    pub(super) fn lower(&self, i: usize) -> impl Iterator<Item = (u32, u32)> + '_ {
+        let own = &self.lower[self.lower_start[i] as usize..self.lower_start[i + 1] as usize];
+        let mut next = self.opened_last.get(i).copied().unwrap_or(NONE);
+        let opened = std::iter::from_fn(move || {
+            let [row, place, before] = *self.opened.get(next as usize)?;
+            next = before;
+            Some((row, place))
+        });
+        own.iter().copied().chain(opened)
     }
 
     /// Place of the tensor of (i, j), i <= j.
@@ -182,7 +252,7 @@ impl Tensors {
             sum += self.at(place) * u[pattern.column[place] as usize].xyz();
         }
         for (j, place) in pattern.lower(i) {
-            sum += self.at(*place as usize).tr_mul(&u[*j as usize].xyz());
+            sum += self.at(place as usize).tr_mul(&u[j as usize].xyz());
         }
         sum
     }

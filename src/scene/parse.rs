@@ -457,10 +457,11 @@ fn whole_divisor(node: &Node, period: f64) -> Result<f64> {
 }
 
 fn cutting(node: &Node) -> Result<Cutting> {
-    let [rule, mass] = node.keys(["rule", "mass"])?;
+    let [rule, mass, spare] = node.keys(["rule", "mass", "spareVertices"])?;
     Ok(Cutting {
         rule: rule.or(CutRule::default(), Node::choice)?,
         mass: mass.or(CutMass::default(), Node::choice)?,
+        spare_vertices: spare.maybe(|n| Ok(n.whole(1)? as usize))?,
     })
 }
 

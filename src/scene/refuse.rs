@@ -29,7 +29,6 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
         (model.nonlinear_threshold != 0.0, text("model.nonlinearThreshold"), text("a non-linear threshold"), "use 0"),
         (model.incompressibility != 0.0, text("model.incompressibility"), text("a volume penalty"), "use 0"),
         (averaged, text("model.element"), word(&model.element), "use constantStrain"),
-        (scene.cutting.rule != CutRule::Remove, text("cutting.rule"), word(&scene.cutting.rule), "use remove"),
         (!format.eq_ignore_ascii_case("msh"), text("mesh.file"), format!("the mesh format .{format}"), "use .msh"),
     ];
     for (i, tool) in scene.tools.iter().enumerate() {
@@ -67,6 +66,29 @@ fn unsuited(scene: &Scene) -> Result<(), SceneError> {
             "",
             "model.interfaceMass",
             "guyan needs integration.scheme symplecticEuler or centralDifference",
+        ));
+    }
+    let splits = scene.cutting.rule == CutRule::Duplicate;
+    if splits && scene.integration.mass == Mass::Uniform {
+        // One mass for all nodes cannot be shared between the halves of one.
+        return Err(SceneError::at(
+            "",
+            "cutting.rule",
+            "duplicate needs integration.mass lumped",
+        ));
+    }
+    if splits && scene.model.interface_mass == InterfaceMass::Guyan {
+        return Err(SceneError::at(
+            "",
+            "cutting.rule",
+            "duplicate needs model.interfaceMass lumped",
+        ));
+    }
+    if !splits && scene.cutting.spare_vertices.is_some() {
+        return Err(SceneError::at(
+            "",
+            "cutting.spareVertices",
+            "only duplicate makes vertices; cutting.rule must be duplicate",
         ));
     }
     if scene.model.kind == ModelKind::SpringMass && scheme == Some(Scheme::ImplicitEuler) {

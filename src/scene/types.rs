@@ -516,6 +516,10 @@ pub struct Cutting {
     pub rule: CutRule,
     /// Default `removed`.
     pub mass: CutMass,
+    /// How many vertices `duplicate` may make; default: half as many as the dynamic tissue has. When none is
+    /// left it removes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spare_vertices: Option<usize>,
 }
 
 /// What happens to a cut tetrahedron.
