@@ -2,7 +2,6 @@
 
 use crate::contact::geometry::{Capsule, boxes_meet};
 use crate::contact::hold;
-use crate::mesh::Vec3;
 use crate::model::Model;
 use crate::state::State;
 
@@ -39,38 +38,6 @@ pub fn remove(model: &Model, state: &mut State, t: u32) {
         }
     }
     state.account.dissipated += lost;
-}
-
-/// Burns what the active tip of cautery `k` touches: all live tetrahedra within its capsule.
-/// `candidates` is scratch.
-pub fn burn(model: &Model, state: &mut State, k: usize, candidates: &mut Vec<u32>) {
-    let tool = &model.scene.tools[k];
-    let capsule = Capsule::of(&tool.shape, &state.tools[k].pose, tool.active_length);
-    // A touched tetrahedron has all its vertices within its longest edge of the capsule; twice the
-    // longest rest edge leaves room for stretch.
-    let near = capsule.radius + 2.0 * model.longest_edge;
-    let (low, high) = capsule.bounds(0.0);
-    candidates.clear();
-    for node in 0..model.parts.moving {
-        if capsule.axis_distance(&state.position(model, node as u32)) <= near {
-            let star = model.topology.star(node).iter();
-            let can_go =
-                |t: &&u32| model.parts.dynamic[**t as usize] && state.live.alive[**t as usize];
-            candidates.extend(star.filter(can_go));
-        }
-    }
-    candidates.sort_unstable();
-    candidates.dedup();
-    for t in candidates.iter() {
-        let corners: [Vec3; 4] =
-            model.mesh.tetrahedra[*t as usize].map(|v| state.position(model, v));
-        if boxes_meet(&corners, &low, &high)
-            && capsule.may_touch(&corners)
-            && capsule.touches_tetrahedron(&corners)
-        {
-            remove(model, state, *t);
-        }
-    }
 }
 
 /// Whether the active tip of cautery `k` touches pre-computed tissue, which cannot be cut.

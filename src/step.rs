@@ -1,7 +1,7 @@
 //! One communication step: n equal substeps, contact, cutting and tearing at haptic ticks.
 
 use crate::contact::geometry::Capsule;
-use crate::contact::hold;
+use crate::contact::{burn, hold};
 use crate::couple::Before;
 use crate::cut;
 use crate::energy::Account;
@@ -65,7 +65,7 @@ pub struct Workspace {
     pub(crate) residual: Vec<Lane>,
     pub(crate) partial: Vec<Lane>,
     touched: Vec<(u32, [u32; 3])>,
-    candidates: Vec<u32>,
+    burn: burn::Scratch,
     paths: Vec<Path>,
     pub(crate) impulse: Vec<Vec3>,
     pub(crate) before: Before,
@@ -90,7 +90,7 @@ impl Workspace {
             residual: vec![Lane::default(); nodes],
             partial: vec![Lane::default(); nodes],
             touched: Vec::with_capacity(model.topology.faces.len().min(4096)),
-            candidates: Vec::with_capacity(4 * model.mesh.tetrahedra.len()),
+            burn: burn::Scratch::new(model),
             paths: Vec::with_capacity(tools),
             impulse: vec![Vec3::zeros(); tools],
             before: Before::with_room(model),
@@ -217,7 +217,7 @@ pub fn advance(
             if since_haptic.is_finite() {
                 coupling.drifts(model, velocity, held, *since_haptic);
             }
-            *since_haptic = 0.0;
+            let elapsed = std::mem::take(since_haptic);
             for tool in 0..state.tools.len() {
                 look(model, state, tool);
                 work.before.remember(model, &state.coupling);
@@ -228,8 +228,10 @@ pub fn advance(
                 }
                 regrip(model, state, work, tool);
                 let burns = model.scene.tools[tool].kind == ToolKind::Cautery;
-                if burns && state.tools[tool].active {
-                    cut::burn(model, state, tool, &mut work.candidates);
+                if !(burns && state.tools[tool].active) {
+                    burn::cool(state, tool);
+                } else {
+                    burn::burn(model, state, tool, elapsed, &mut work.burn);
                     work.spared = work.spared || cut::spares(model, state, tool);
                 }
             }
