@@ -3,7 +3,6 @@
 use crate::contact::geometry::{Capsule, boxes_meet};
 use crate::contact::hold::{self, Held, Released};
 use crate::loose;
-use crate::mesh::Vec3;
 use crate::model::Model;
 use crate::pieces::Search;
 use crate::star::{Repair, Worklist};
@@ -159,43 +158,6 @@ fn remove(model: &Model, state: &mut State, worklist: &mut Worklist, t: u32) -> 
         state.account.dissipated += lost;
     }
     worklist.note(model, &state.live, t)
-}
-
-/// Burns what the active tip of cautery `k` touches: all live tetrahedra within its capsule.
-/// `candidates` is room.
-pub fn burn(
-    model: &Model,
-    state: &mut State,
-    scratch: &mut Scratch,
-    loose: &mut loose::Scratch,
-    k: usize,
-    candidates: &mut Vec<u32>,
-) {
-    let tool = &model.scene.tools[k];
-    let capsule = Capsule::of(&tool.shape, &state.tools[k].pose, tool.active_length);
-    // A touched tetrahedron has all its vertices within its longest edge of the capsule; twice the
-    // longest rest edge leaves room for stretch.
-    let near = capsule.radius + 2.0 * model.longest_edge;
-    let (low, high) = capsule.bounds(0.0);
-    candidates.clear();
-    for node in 0..model.parts.moving {
-        if state.live.star_count[node] > 0
-            && capsule.axis_distance(&state.position(model, node as u32)) <= near
-        {
-            let can_go = |t: &u32| model.parts.dynamic[*t as usize];
-            candidates.extend(state.live.star(model, node as u32).filter(can_go));
-        }
-    }
-    candidates.sort_unstable();
-    candidates.dedup();
-    candidates.retain(|t| {
-        let corners: [Vec3; 4] =
-            state.live.tetrahedra[*t as usize].map(|v| state.position(model, v));
-        boxes_meet(&corners, &low, &high)
-            && capsule.may_touch(&corners)
-            && capsule.touches_tetrahedron(&corners)
-    });
-    event(model, state, scratch, loose, candidates);
 }
 
 /// Whether the active tip of cautery `k` touches pre-computed tissue, which cannot be cut.

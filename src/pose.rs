@@ -25,6 +25,14 @@ impl Pose {
         self.orientation
             .inverse_transform_vector(&(world - self.position))
     }
+
+    /// After a share of the straight way to another pose.
+    pub fn towards(&self, other: &Pose, share: f64) -> Pose {
+        Pose {
+            position: self.position.lerp(&other.position, share),
+            orientation: slerp(&self.orientation, &other.orientation, share),
+        }
+    }
 }
 
 /// What the host has set: seven numbers, x y z and w x y z, and their rates where given.

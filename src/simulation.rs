@@ -142,6 +142,8 @@ impl Simulation {
                 None => outcome = outcome.and(Err(StepError::Orientation(k + 1))),
             }
             tool.lines = [None; 3];
+            // No way was made.
+            (tool.burned, tool.allowance) = (None, 0.0);
         }
         outcome
     }

@@ -57,6 +57,12 @@ impl Out {
         );
     }
 
+    fn pose(&mut self, pose: &Pose) {
+        self.reals(pose.position.into());
+        let q = pose.orientation.into_inner();
+        self.reals([q.w, q.i, q.j, q.k]);
+    }
+
     fn xyz(&mut self, lanes: &[Lane]) {
         lanes
             .iter()
@@ -117,6 +123,15 @@ impl In<'_> {
         Ok([0, 1, 2].map(|k| bits >> k & 1 == 1))
     }
 
+    fn pose(&mut self) -> Result<Pose, SnapshotError> {
+        let position = self.vector()?;
+        let [w, x, y, z] = self.reals()?;
+        Ok(Pose {
+            position,
+            orientation: UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)),
+        })
+    }
+
     fn xyz(&mut self, lanes: &mut [Lane]) -> Result<(), SnapshotError> {
         for lane in lanes {
             *lane = self.vector()?.into();
@@ -166,9 +181,7 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
         out.reals(tool.input.value);
         tool.input.rate.iter().for_each(|r| out.option(*r));
         out.int(u64::from(tool.input_active));
-        out.reals(tool.pose.position.into());
-        let q = tool.pose.orientation.into_inner();
-        out.reals([q.w, q.i, q.j, q.k]);
+        out.pose(&tool.pose);
         for line in &tool.lines {
             out.int(u64::from(line.is_some()));
             let line = line.unwrap_or(Line {
@@ -185,6 +198,9 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
         out.reals(tool.torque.into());
         out.reals(tool.mean_force.into());
         out.int(u64::from(tool.in_contact));
+        out.int(u64::from(tool.burned.is_some()));
+        out.pose(&tool.burned.unwrap_or(tool.pose));
+        out.real(tool.allowance);
     }
     let account = state.account;
     out.reals([
@@ -227,7 +243,7 @@ pub fn size(state: &State) -> usize {
         + 11 * state.held.len()
         + 1
         + 8 * state.released.len()
-        + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1) * state.tools.len()
+        + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1 + 9) * state.tools.len()
         + 7
         + 6
         + 2
@@ -372,8 +388,7 @@ fn read_tool(input: &mut In) -> Result<ToolState, SnapshotError> {
         *r = input.option()?;
     }
     let input_active = input.flag()?;
-    let position = input.vector()?;
-    let [w, x, y, z] = input.reals()?;
+    let pose = input.pose()?;
     let mut lines = [None; 3];
     for line in &mut lines {
         let some = input.flag()?;
@@ -386,18 +401,21 @@ fn read_tool(input: &mut In) -> Result<ToolState, SnapshotError> {
             ticks,
         });
     }
-    Ok(ToolState {
+    let mut tool = ToolState {
         input: PoseInput { value, rate },
         input_active,
-        pose: Pose {
-            position,
-            orientation: UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z)),
-        },
+        pose,
         lines,
         active: input.flag()?,
         force: input.vector()?,
         torque: input.vector()?,
         mean_force: input.vector()?,
         in_contact: input.flag()?,
-    })
+        burned: None,
+        allowance: 0.0,
+    };
+    let some = input.flag()?;
+    tool.burned = Some(input.pose()?).filter(|_| some);
+    tool.allowance = input.real()?;
+    Ok(tool)
 }

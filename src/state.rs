@@ -78,6 +78,10 @@ pub struct ToolState {
     /// Impulse over the last step divided by its length \[N\].
     pub mean_force: Vec3,
     pub in_contact: bool,
+    /// Of a cautery: where it was when it burnt last, none while the current is off.
+    pub burned: Option<Pose>,
+    /// Volume that it may burn \[m³\].
+    pub allowance: f64,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -311,6 +315,8 @@ impl ToolState {
             torque: Vec3::zeros(),
             mean_force: Vec3::zeros(),
             in_contact: false,
+            burned: None,
+            allowance: 0.0,
         }
     }
 }

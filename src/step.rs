@@ -1,5 +1,6 @@
 //! One communication step: n equal substeps, contact, cutting and tearing at haptic ticks.
 
+use crate::contact::burn;
 use crate::contact::geometry::Capsule;
 use crate::contact::hold::{self, Held};
 use crate::couple::Before;
@@ -68,8 +69,8 @@ pub struct Workspace {
     pub(crate) residual: Vec<Lane>,
     pub(crate) partial: Vec<Lane>,
     touched: Vec<(u32, [u32; 3])>,
-    candidates: Vec<u32>,
     cut: cut::Scratch,
+    burn: burn::Scratch,
     paths: Vec<Path>,
     pub(crate) impulse: Vec<Vec3>,
     pub(crate) before: Before,
@@ -97,8 +98,8 @@ impl Workspace {
             residual: vec![Lane::default(); nodes],
             partial: vec![Lane::default(); nodes],
             touched: Vec::with_capacity(model.topology.faces.len().min(4096)),
-            candidates: Vec::with_capacity(4 * model.mesh.tetrahedra.len()),
             cut: cut::Scratch::new(model),
+            burn: burn::Scratch::new(model),
             paths: Vec::with_capacity(tools),
             impulse: vec![Vec3::zeros(); tools],
             before: Before::with_room(model),
@@ -231,7 +232,7 @@ pub fn advance(
             if since_haptic.is_finite() {
                 coupling.drifts(model, velocity, held, *since_haptic);
             }
-            *since_haptic = 0.0;
+            let elapsed = std::mem::take(since_haptic);
             for tool in 0..state.tools.len() {
                 look(model, state, tool);
                 work.before.remember(model, &state.coupling);
@@ -243,14 +244,16 @@ pub fn advance(
                 }
                 regrip(model, state, work, tool);
                 let burns = model.scene.tools[tool].kind == ToolKind::Cautery;
-                if burns && state.tools[tool].active {
-                    cut::burn(
+                if !(burns && state.tools[tool].active) {
+                    burn::cool(state, tool);
+                } else {
+                    burn::burn(model, state, tool, elapsed, &mut work.burn);
+                    cut::event(
                         model,
                         state,
                         &mut work.cut,
                         &mut work.loose,
-                        tool,
-                        &mut work.candidates,
+                        work.burn.burnt(),
                     );
                     work.spared = work.spared || cut::spares(model, state, tool);
                 }

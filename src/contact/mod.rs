@@ -1,4 +1,5 @@
 //! Tools against tissue: who touches whom, and who holds whom.
 
+pub mod burn;
 pub mod geometry;
 pub mod hold;

@@ -35,7 +35,7 @@ use guyan::GuyanMass;
 use parts::{Partition, Parts};
 use precomputed::{Precomputed, Progress, Sizes};
 use spectrum::Spectrum;
-use spring_mass::Springs;
+use spring_mass::{EDGES, Springs};
 use stiffness::Stiffness;
 use store::Numbers;
 use tensor_mass::{Pattern, Tensors};
@@ -133,6 +133,8 @@ pub struct Model {
     pub surface_nodes: Vec<u32>,
     /// Longest rest edge \[m\].
     pub longest_edge: f64,
+    /// Of the edges of all tetrahedra, a shared one as often as it is shared \[m\].
+    pub mean_edge: f64,
     /// Displacement of the known nodes at time 0 \[m\].
     pub start_displacement: Vec<Vec3>,
     /// Tells saved states of different models apart.
@@ -209,15 +211,12 @@ impl Model {
             .iter()
             .map(|t| Shape::new(t.map(|v| mesh.nodes[v as usize])))
             .collect();
-        let longest_edge = mesh
-            .tetrahedra
-            .iter()
-            .flat_map(|t| {
-                [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)].map(|(a, b)| (t[a], t[b]))
-            })
-            .map(|(a, b)| (mesh.nodes[a as usize] - mesh.nodes[b as usize]).norm_squared())
-            .fold(0.0, f64::max)
-            .sqrt();
+        let lengths = || {
+            let edges = (mesh.tetrahedra.iter()).flat_map(|t| EDGES.map(|(a, b)| (t[a], t[b])));
+            edges.map(|(a, b)| (mesh.nodes[a as usize] - mesh.nodes[b as usize]).norm())
+        };
+        let longest_edge = lengths().fold(0.0, f64::max);
+        let mean_edge = lengths().sum::<f64>() / (6 * mesh.tetrahedra.len()) as f64;
         let mut model = Model {
             file: file.to_string(),
             report,
@@ -244,6 +243,7 @@ impl Model {
             cuts,
             surface_nodes: Vec::new(),
             longest_edge,
+            mean_edge,
             start_displacement: vec![Vec3::zeros(); parts.known],
             parts,
             fingerprint,

@@ -627,7 +627,8 @@ pub enum ToolKind {
     Probe,
     /// Holds what it touches at the moment its jaws close, until they open; open, it touches nothing.
     Grasper,
-    /// Removes what its active part touches while the current is on; pushes like a probe while it is off.
+    /// Burns what its active part touches on its way while the current is on, no faster than it travels; pushes like a
+    /// probe while it is off.
     Cautery,
 }
 
