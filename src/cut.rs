@@ -179,7 +179,7 @@ pub fn spares(model: &Model, state: &State, k: usize) -> bool {
         if model.parts.dynamic[owner as usize] {
             return false;
         }
-        let corners = vertices.map(|v| state.position(model, v));
+        let corners = vertices.map(|v| state.position(v));
         boxes_meet(&corners, &low, &high) && capsule.touches(&corners)
     })
 }

@@ -265,7 +265,7 @@ impl State {
     }
 
     /// Current position \[m\]; of a node that is never known, its rest position.
-    pub fn position(&self, _model: &Model, node: u32) -> Vec3 {
+    pub fn position(&self, node: u32) -> Vec3 {
         let displacement = self.displacement.get(node as usize);
         self.live.rest[node as usize] + displacement.map_or(Vec3::zeros(), Lane::xyz)
     }

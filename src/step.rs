@@ -502,7 +502,7 @@ fn read_forces(model: &Model, state: &mut State, loose: &loose::Scratch) {
         let held = state.held[at];
         let Some(tool) = held.tool else { continue };
         let force = hold::reaction(model, state, loose, &held);
-        let position = state.position(model, held.node);
+        let position = state.position(held.node);
         let tool = &mut state.tools[tool as usize];
         tool.force += force;
         tool.torque += (position - tool.pose.position).cross(&force);

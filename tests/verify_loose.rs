@@ -25,7 +25,7 @@ fn launch(s: &mut Simulation, velocity: Vec3, spin: Vec3) {
     let (model, mut state) = (s.model().clone(), s.save());
     for i in 0..model.parts.moving {
         if state.live.star_count[i] > 0 {
-            let at = state.position(&model, i as u32);
+            let at = state.position(i as u32);
             state.velocity[i] = (velocity + spin.cross(&at)).into();
         }
     }
@@ -41,7 +41,7 @@ fn motion(s: &Simulation) -> (Vec3, Vec3, f64) {
     for i in 0..model.parts.moving {
         let p = state.velocity[i].xyz() * state.live.mass[i];
         momentum += p;
-        turning += state.position(model, i as u32).cross(&p);
+        turning += state.position(i as u32).cross(&p);
     }
     for (t, nodes) in model.mesh.tetrahedra.iter().enumerate() {
         if state.live.alive[t] {
@@ -101,7 +101,7 @@ fn a_loose_piece_falls_freely() {
     s.set_gravity(2, -10.0);
     let middle = |s: &Simulation| {
         let (model, state) = (s.model(), s.state());
-        let weighted = |i: usize| state.position(model, i as u32) * state.live.mass[i];
+        let weighted = |i: usize| state.position(i as u32) * state.live.mass[i];
         let all = 0..model.parts.moving;
         let mass: f64 = state.live.mass[all.clone()].iter().sum();
         all.map(weighted).sum::<Vec3>() / mass
@@ -140,7 +140,7 @@ fn a_hinged_piece_swings_without_swelling() {
             .unwrap() as u32;
         for _ in 0..400 {
             s.step(1e-3).unwrap();
-            let at = s.state().position(&model, tip);
+            let at = s.state().position(tip);
             deepest = deepest.min(at.z);
             if at.x < -0.03 {
                 highest = highest.max(at.z);

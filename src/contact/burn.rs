@@ -126,7 +126,7 @@ fn find(model: &Model, state: &State, work: &mut Scratch) {
     }
     work.near.clear();
     for node in (0..model.parts.moving).filter(|i| state.live.star_count[*i] > 0) {
-        let at = state.position(model, node as u32);
+        let at = state.position(node as u32);
         let in_box = (0..3).all(|axis| low[axis] <= at[axis] && at[axis] <= high[axis]);
         let is_near = |c: &Capsule| c.axis_distance(&at) <= c.radius + reach;
         if in_box && work.path.iter().any(is_near) {
@@ -139,7 +139,7 @@ fn find(model: &Model, state: &State, work: &mut Scratch) {
     work.near.dedup();
     work.touched.clear();
     for t in &work.near {
-        let corners = state.live.tetrahedra[*t as usize].map(|v| state.position(model, v));
+        let corners = state.live.tetrahedra[*t as usize].map(|v| state.position(v));
         let touches = |c: &Capsule| {
             let (low, high) = c.bounds(0.0);
             boxes_meet(&corners, &low, &high)

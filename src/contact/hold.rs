@@ -140,7 +140,7 @@ fn touch(
         if vertices.iter().any(|v| *v >= reach) {
             continue;
         }
-        let corners = vertices.map(|v| state.position(model, v));
+        let corners = vertices.map(|v| state.position(v));
         if boxes_meet(&corners, &low, &high)
             && capsule.may_touch(&corners)
             && capsule.touches(&corners)
@@ -199,7 +199,7 @@ fn attach(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])
     let tool = k as u32;
     let capsule = Capsule::of(&model.scene.tools[k].shape, &state.tools[k].pose, None);
     for (_, vertices) in touched {
-        let corners = vertices.map(|v| state.position(model, v));
+        let corners = vertices.map(|v| state.position(v));
         let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
         let Some(normal) = normal.try_normalize(0.0) else {
             continue;
@@ -213,7 +213,7 @@ fn attach(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])
                 continue;
             }
             let pose = state.tools[k].pose;
-            let local = pose.local(&state.position(model, *node));
+            let local = pose.local(&state.position(*node));
             let came = |r: &Released| (local - r.local).dot(&r.normal);
             let let_go = state
                 .released

@@ -271,7 +271,7 @@ fn do_step(name: &str, text: &str, length: f64) {
     let nearest = (simulation.model().whole.surface.iter())
         .flat_map(|f| simulation.model().topology.faces[*f as usize].vertices)
         .filter(|v| (*v as usize) < reach)
-        .map(|v| simulation.state().position(simulation.model(), v))
+        .map(|v| simulation.state().position(v))
         .min_by(|a, b| (a - start).norm().total_cmp(&(b - start).norm()))
         .expect("a surface");
     for axis in 0..3 {
@@ -318,7 +318,7 @@ fn tearing(name: &str, text: &str) {
         // The highest vertex of the left lobe.
         let top = (simulation.model().whole.surface.iter())
             .flat_map(|f| simulation.model().topology.faces[*f as usize].vertices)
-            .map(|v| simulation.state().position(simulation.model(), v))
+            .map(|v| simulation.state().position(v))
             .filter(|p| p.x > 0.09)
             .max_by(|a, b| a.z.total_cmp(&b.z))
             .expect("a surface");
