@@ -64,10 +64,12 @@ class Tissue:
     """What events leave of a mesh: their tetrahedra go in ascending order, then what is not good.
 
     The order of the clean-up: vertices before edges, first in, first out. A removal brings in the edges round which
-    it has parted its two neighbours, each with its ends.
+    it has parted its two neighbours, each with its ends. What is `spared` (pre-computed) cannot go: groups with some of
+    it stay, and if these are nothing else, the largest of the others, too.
     """
 
-    def __init__(self, nodes, tetrahedra):
+    def __init__(self, nodes, tetrahedra, spared=()):
+        self.spared = set(map(int, spared))
         self.volume = volumes(nodes, tetrahedra)
         self.tetrahedra = [tuple(int(v) for v in t) for t in tetrahedra]
         self.sets = [frozenset(t) for t in self.tetrahedra]
@@ -131,8 +133,12 @@ class Tissue:
             star = [t for t in self.stars[min(core)] if self.alive[t] and core <= self.sets[t]]
             groups = components(star, self.sets, core)
             if len(groups) > 1:
-                stays = max(groups, key=lambda group: (self.volume[group].sum(), -group[0]))
+                stays = [group for group in groups if self.spared & set(group)]
+                if all(self.spared >= set(group) for group in stays):
+                    others = [group for group in groups if group not in stays]
+                    if others:
+                        stays.append(max(others, key=lambda group: (self.volume[group].sum(), -group[0])))
                 for t in star:
-                    if t not in stays:
+                    if not any(t in group for group in stays):
                         remove(t)
         return self
