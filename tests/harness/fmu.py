@@ -131,6 +131,12 @@ class Instance:
         self.slave.fmi2GetReal(self.slave.component, self.fmu.vertex_references, count, buffer)
         return np.array(buffer).reshape(-1, 3)
 
+    def triangles(self):
+        """Exposed faces as rows of vertices, from 0."""
+        rows = self.get("surface.triangleCount")
+        first = self.fmu.reference["surface.triangle[1,1]"]
+        return np.array(self.slave.getInteger(list(range(first, first + 3 * rows))), int).reshape(-1, 3)
+
     def energies(self):
         return np.array(self.get(*(f"energy.{n}" for n in ENERGIES)))
 

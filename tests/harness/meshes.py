@@ -39,6 +39,33 @@ def kuhn(size, cells, jitter=0.0, seed=1):
     return oriented(nodes, np.concatenate(tetrahedra))
 
 
+def shaken(mesh, amount, seed=1):
+    """The same box with its nodes moved, those of its faces within them, so that no two volumes are the same."""
+    nodes, tetrahedra = mesh
+    inner = (nodes > nodes.min(axis=0)) & (nodes < nodes.max(axis=0))
+    moved = nodes + inner * np.random.default_rng(seed).uniform(-amount, amount, nodes.shape)
+    assert volumes(moved, tetrahedra).min() > 0
+    return moved, tetrahedra
+
+
+def five(size, cells):
+    """A box, five tetrahedra a cell, mirrored from cell to cell."""
+    nodes, _ = kuhn(size, cells)
+    number = np.arange(len(nodes)).reshape(np.array(cells) + 1)
+    tetrahedra = []
+    for cell in np.ndindex(*cells):
+        odd = sum(cell) % 2
+        corner = {
+            (x, y, z): number[cell[0] + (x ^ odd), cell[1] + y, cell[2] + z] for x, y, z in np.ndindex(2, 2, 2)
+        }
+        middle = [(0, 0, 0), (1, 1, 0), (1, 0, 1), (0, 1, 1)]
+        tetrahedra.append([corner[c] for c in middle])
+        for x, y, z in [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)]:
+            ends = [(x ^ 1, y, z), (x, y ^ 1, z), (x, y, z ^ 1)]
+            tetrahedra.append([corner[(x, y, z)], *(corner[c] for c in ends)])
+    return oriented(nodes, np.array(tetrahedra))
+
+
 def tensor(size, cells):
     """A box by scikit-fem's own division of a cell."""
     mesh = MeshTet.init_tensor(*(np.linspace(0, s, n + 1) for s, n in zip(size, cells)))

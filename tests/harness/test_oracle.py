@@ -4,6 +4,7 @@ import meshes
 import numpy as np
 import oracle
 import pytest
+import star
 
 
 def bar():
@@ -32,3 +33,18 @@ def test_modal_and_numerical_histories_agree():
     modal = oracle.modal_history(tissue, 7.0, weight, held, still, times)
     driven = oracle.driven_history(tissue, 7.0, lambda t: weight, held, lambda t: still, None, times)
     assert np.abs(modal - driven).max() < 1e-8 * np.abs(modal).max()
+
+
+def test_the_star_rule_by_hand():
+    """Two pairs of tetrahedra that share a face each, and with one another a vertex, an edge, or a face."""
+    pair = [[0, 1, 2, 3], [0, 1, 2, 4]]
+    assert star.bad_stars(pair + [[0, 5, 6, 7], [0, 5, 6, 8]], range(4)) == [(0,)]
+    assert set(star.bad_stars(pair + [[0, 1, 5, 6], [0, 1, 5, 7]], range(4))) == {(0,), (1,), (0, 1)}
+    assert star.bad_stars(pair + [[0, 1, 3, 5], [0, 1, 5, 7]], range(4)) == []
+    # Four round an edge: two opposite ones hang by it, and the smaller goes.
+    nodes = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1.1, 0]], float)
+    ring = [[0, 1, 2, 3], [0, 1, 3, 4], [0, 1, 4, 5], [0, 1, 5, 2]]
+    nodes, ring = meshes.oriented(nodes, ring)
+    assert star.bad_stars(ring, [1, 3]) == [(0,), (1,), (0, 1)]
+    assert list(star.Tissue(nodes, ring).event([0]).left) == [1, 2, 3]
+    assert list(star.Tissue(nodes, ring).event([0, 2]).left) == [3]
