@@ -14,6 +14,8 @@ pub struct Scratch {
     worklist: Worklist,
     lost: Vec<u32>,
     search: Search,
+    /// A vertex has had to be split when no spare was left.
+    pub lacks_spares: bool,
 }
 
 impl Scratch {
@@ -46,12 +48,18 @@ pub fn event(
     }
     if severs {
         let cut = state.live.removed.len();
-        let Scratch { worklist, lost, .. } = scratch;
+        let Scratch {
+            worklist,
+            lost,
+            lacks_spares,
+            ..
+        } = scratch;
         while let Some(repair) = worklist.next(model, &state.live, lost) {
             let new = match repair {
                 Repair::Split(node) => split(model, state, worklist, node, lost),
                 Repair::Lose => None,
             };
+            *lacks_spares |= new.is_none() && repair != Repair::Lose;
             if new.is_none() {
                 for t in lost.iter() {
                     remove(model, state, worklist, *t);

@@ -22,6 +22,8 @@ pub struct Pieces {
     pub count: usize,
     /// Rigid motions that nothing holds, over all pieces.
     pub rigid_modes: usize,
+    /// Pre-computed tissue has come loose.
+    pub has_frameless: bool,
     /// Those of the piece labelled by each node, and whether that moves in a frame of its own.
     modes: Vec<u8>,
     is_loose: Vec<bool>,
@@ -263,6 +265,7 @@ impl Pieces {
         self.label.clone_from(&other.label);
         self.count = other.count;
         self.rigid_modes = other.rigid_modes;
+        self.has_frameless = other.has_frameless;
         self.modes.clone_from(&other.modes);
         self.is_loose.clone_from(&other.is_loose);
         self.nodes.clone_from(&other.nodes);
@@ -332,10 +335,13 @@ impl Pieces {
     fn list(&mut self, model: &Model) {
         self.nodes.clear();
         self.ends.clear();
+        self.has_frameless = false;
         if model.parts.has_precomputed() {
             for v in model.parts.connected_from()..self.label.len() {
                 if self.label[v] != NONE {
-                    self.is_loose[self.label[v] as usize] = false;
+                    let label = self.label[v] as usize;
+                    self.has_frameless |= self.modes[label] > 0;
+                    self.is_loose[label] = false;
                 }
             }
         }

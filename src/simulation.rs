@@ -165,6 +165,16 @@ impl Simulation {
         self.work.spared
     }
 
+    /// Whether pre-computed tissue has come loose, which swells as it turns.
+    pub fn has_frameless(&self) -> bool {
+        self.state.live.pieces.has_frameless
+    }
+
+    /// Whether a cut has needed more vertices than there were spares.
+    pub fn lacks_spares(&self) -> bool {
+        self.work.cut.lacks_spares
+    }
+
     fn forget(&mut self) {
         self.energy = None;
         self.inside = None;

@@ -69,7 +69,7 @@ pub struct Workspace {
     pub(crate) residual: Vec<Lane>,
     pub(crate) partial: Vec<Lane>,
     touched: Vec<(u32, [u32; 3])>,
-    cut: cut::Scratch,
+    pub(crate) cut: cut::Scratch,
     burn: burn::Scratch,
     paths: Vec<Path>,
     pub(crate) impulse: Vec<Vec3>,

@@ -95,6 +95,13 @@ fn open(folder: &Path) -> Outcome<Model> {
         .map_err(|e| error(format!("resources in {}: {e}", folder.display())))
 }
 
+/// What a step may run into; each is told of once.
+const LIMITS: [&str; 3] = [
+    "a cautery has touched pre-computed tissue, which cannot be cut; only the dynamic part can",
+    "a piece with pre-computed tissue has come loose; it has no moving frame and swells as it turns",
+    "a cut needed a vertex when no spare was left, and removed tissue instead; cutting.spareVertices must be larger",
+];
+
 impl Instance {
     pub fn new(simulation: Simulation, logger: Logger) -> Instance {
         Instance {
@@ -287,7 +294,7 @@ impl Instance {
         }
         let removed = self.simulation.state().live.removed.len();
         let halvings = self.simulation.halvings();
-        let spared = self.simulation.spared();
+        let told = self.limits_met();
         let outcome = self.simulation.step(length);
         if let Err(e @ (StepError::Length(_) | StepError::TooLong(..))) = outcome {
             return Err(error(e));
@@ -304,14 +311,27 @@ impl Instance {
         self.mode = Mode::StepComplete;
         self.last_time = end;
         self.last_step = Status::Ok;
-        if self.simulation.spared() && !spared && self.logger.wants(Status::Warning) {
-            let line = format!(
-                "fmi2DoStep: before {end} s a cautery has touched pre-computed tissue, which cannot be cut; only the dynamic part can"
-            );
-            self.logger.log(Status::Warning, &line);
+        for (now, (before, what)) in self
+            .limits_met()
+            .into_iter()
+            .zip(told.into_iter().zip(LIMITS))
+        {
+            if now && !before && self.logger.wants(Status::Warning) {
+                let line = format!("fmi2DoStep: before {end} s {what}");
+                self.logger.log(Status::Warning, &line);
+            }
         }
         self.report(end, removed, halvings);
         Ok(())
+    }
+
+    /// Whether each of [`LIMITS`] has been met.
+    fn limits_met(&self) -> [bool; 3] {
+        [
+            self.simulation.spared(),
+            self.simulation.has_frameless(),
+            self.simulation.lacks_spares(),
+        ]
     }
 
     /// What is worth a line after a step. Its status stays `fmi2OK`, because some hosts take
