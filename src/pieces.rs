@@ -74,8 +74,10 @@ pub struct Search {
     runs: Vec<bool>,
     /// Whether that piece was loose.
     before: Vec<bool>,
-    /// A node each: the one group that still searches the piece with that label, or [`NONE`].
+    /// A node each: the one group that still searches the piece with that label, or [`NONE`]; the group that
+    /// reached it first, or [`NONE`].
     claim: Vec<u32>,
+    at_node: Vec<u32>,
     /// Labels of the pieces that are new or another now, and whether what they come from was loose.
     pub(crate) changed: Vec<(u32, bool)>,
 }
@@ -99,6 +101,7 @@ impl Search {
             runs: Vec::with_capacity(count),
             before: Vec::with_capacity(count),
             claim: vec![NONE; model.mesh.nodes.len()],
+            at_node: vec![NONE; model.mesh.nodes.len()],
             changed: Vec::with_capacity(count),
         }
     }
@@ -124,7 +127,7 @@ impl Search {
     }
 
     /// A group of its own for `t` of a piece.
-    fn start(&mut self, t: u32, piece: u32) {
+    fn start(&mut self, tissue: &Tissue, t: u32, piece: u32) {
         let group = self.met.len() as u32;
         self.met.push(group);
         self.piece.push(piece);
@@ -132,10 +135,19 @@ impl Search {
         self.tail.push(NONE);
         self.highest.push(0);
         self.runs.push(false);
-        self.queue(group, t);
+        self.queue(tissue, group, t);
     }
 
-    fn queue(&mut self, group: u32, t: u32) {
+    /// Stars are good, so that groups which reach the same node have met.
+    fn queue(&mut self, tissue: &Tissue, group: u32, t: u32) {
+        for node in tissue.tetrahedra[t as usize] {
+            let there = self.at_node[node as usize];
+            if there == NONE {
+                self.at_node[node as usize] = group;
+            } else if there != group {
+                self.meet(there, group);
+            }
+        }
         self.group[t as usize] = group;
         self.behind[t as usize] = NONE;
         self.reached.push(t);
@@ -149,7 +161,7 @@ impl Search {
 
     /// Goes on until in each piece all groups that still have somewhere to go have met. Whether in one there are groups
     /// that have not.
-    fn run(&mut self, model: &Model, alive: &[bool]) -> bool {
+    fn run(&mut self, model: &Model, tissue: &Tissue) -> bool {
         loop {
             let mut disputed = false;
             for group in self.groups() {
@@ -161,7 +173,7 @@ impl Search {
             for group in self.groups() {
                 let piece = self.piece[group as usize] as usize;
                 if self.claim[piece] == DISPUTED {
-                    self.spread(model, alive, group);
+                    self.spread(model, tissue, group);
                 }
             }
             self.release();
@@ -196,7 +208,12 @@ impl Search {
         }
     }
 
-    fn spread(&mut self, model: &Model, alive: &[bool], group: u32) {
+    fn meet(&mut self, one: u32, other: u32) {
+        let (a, b) = (self.root(one), self.root(other));
+        self.met[a.max(b) as usize] = a.min(b);
+    }
+
+    fn spread(&mut self, model: &Model, tissue: &Tissue, group: u32) {
         for _ in 0..TURN {
             let t = self.head[group as usize];
             if t == NONE {
@@ -204,16 +221,9 @@ impl Search {
             }
             self.head[group as usize] = self.behind[t as usize];
             for other in model.topology.neighbour[t as usize] {
-                if other == NONE || !alive[other as usize] {
-                    continue;
-                }
-                match self.group[other as usize] {
-                    NONE => self.queue(group, other),
-                    there if there == group => {}
-                    there => {
-                        let (a, b) = (self.root(there), self.root(group));
-                        self.met[a.max(b) as usize] = a.min(b);
-                    }
+                let is_new = other != NONE && self.group[other as usize] == NONE;
+                if is_new && tissue.alive[other as usize] {
+                    self.queue(tissue, group, other);
                 }
             }
         }
@@ -226,10 +236,13 @@ impl Search {
         (self.claim[piece] == DISPUTED && !self.runs[root]).then_some(root)
     }
 
-    fn clear(&mut self) {
+    fn clear(&mut self, tissue: &Tissue) {
         self.release();
         for t in &self.reached {
             self.group[*t as usize] = NONE;
+            for node in tissue.tetrahedra[*t as usize] {
+                self.at_node[node as usize] = NONE;
+            }
         }
         self.reached.clear();
         self.head.clear();
@@ -470,19 +483,18 @@ impl Pieces {
 
     /// Finds which pieces the cut has divided. Those that are new, or lost some, are noted as changed.
     fn divide(&mut self, model: &Model, tissue: &Tissue, removed: &[u32], search: &mut Search) {
-        let alive = tissue.alive;
         for t in removed {
             for t in model.topology.neighbour[*t as usize] {
-                if t != NONE && alive[t as usize] && search.group[t as usize] == NONE {
+                if t != NONE && tissue.alive[t as usize] && search.group[t as usize] == NONE {
                     let node = tissue.tetrahedra[t as usize][0];
-                    search.start(t, self.label[node as usize]);
+                    search.start(tissue, t, self.label[node as usize]);
                 }
             }
         }
-        if search.run(model, alive) {
+        if search.run(model, tissue) {
             self.part(tissue, search);
         }
-        search.clear();
+        search.clear(tissue);
     }
 
     /// Names what a search has found to be apart.

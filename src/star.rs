@@ -29,6 +29,9 @@ const EDGES: [[usize; 4]; 6] = [
     [2, 3, 0, 1],
 ];
 
+/// Volumes closer to each other than this, relatively, are equal: on regular meshes round-off shall not decide.
+const TIE: f64 = 1e-9;
+
 /// What a star that is not good needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Repair {
@@ -245,7 +248,7 @@ impl Worklist {
             // Components are in the order of their lowest tetrahedra.
             let mut largest = 0;
             for k in 1..count {
-                if self.volume[k] > self.volume[largest] {
+                if self.volume[k] > self.volume[largest] * (1.0 + TIE) {
                     largest = k;
                 }
             }
