@@ -107,6 +107,15 @@ class Tissue:
         star = [s for s in self.stars[min(edge)] if self.alive[s] and edge <= self.sets[s]]
         return not any(set(sides) <= set(group) for group in components(star, self.sets, edge))
 
+    def largest(self, groups):
+        """Of the largest volume; of volumes within 1e-9 of it, the one with the lowest tetrahedron."""
+        groups = sorted(groups, key=min)
+        best = groups[0]
+        for group in groups[1:]:
+            if self.volume[group].sum() > self.volume[best].sum() * (1 + 1e-9):
+                best = group
+        return best
+
     def event(self, chosen):
         """Removes these, then cleans up."""
         vertices, edges = deque(), deque()
@@ -137,7 +146,7 @@ class Tissue:
                 if all(self.spared >= set(group) for group in stays):
                     others = [group for group in groups if group not in stays]
                     if others:
-                        stays.append(max(others, key=lambda group: (self.volume[group].sum(), -group[0])))
+                        stays.append(self.largest(others))
                 for t in star:
                     if not any(t in group for group in stays):
                         remove(t)
