@@ -52,8 +52,12 @@ pub struct LiveMesh {
     pub pieces: Pieces,
     /// Corners of tetrahedra that have changed: what is summed of them is old. Empty but during a cut.
     dirty: Vec<[u32; 4]>,
-    /// Nodes round a vertex that splits. Scratch.
+    /// Scratch: nodes round a vertex that splits; other ends of a node's dirty edges and what is summed for each; a
+    /// node each, its place among those ends, or [`NONE`].
     around: Vec<u32>,
+    ends: Vec<u32>,
+    blocks: Vec<Matrix3<f64>>,
+    slot: Vec<u32>,
     /// Place of each face in `surface`, or [`NONE`].
     surface_slot: Vec<u32>,
 }
@@ -73,6 +77,7 @@ impl LiveMesh {
         let mut live = LiveMesh {
             tetrahedra: model.mesh.tetrahedra.clone(),
             rest: model.mesh.nodes.clone(),
+            slot: vec![NONE; nodes],
             origin: vec![NONE; spares],
             pattern: (spares > 0).then(|| Box::new(model.pattern.clone())),
             alive: vec![true; model.mesh.tetrahedra.len()],
@@ -282,71 +287,90 @@ impl LiveMesh {
         Some(new)
     }
 
-    /// Brings up to date what is summed over tetrahedra.
+    /// Brings up to date what tetrahedra that have changed have or had a share in, summed again over what is left: vertex
+    /// and edge tensors or springs, masses. In the order of a fresh assembly, so that it equals one to the
+    /// bit, and exactly zero where nothing is left.
     pub(crate) fn settle(&mut self, model: &Model) {
-        for at in 0..self.dirty.len() {
-            self.sum_again(model, self.dirty[at]);
+        let mut nodes = std::mem::take(&mut self.around);
+        nodes.clear();
+        nodes.extend(self.dirty.iter().flatten());
+        nodes.sort_unstable();
+        nodes.dedup();
+        for node in &nodes {
+            self.sum_again(model, *node);
         }
+        self.around = nodes;
+        self.around.clear();
         self.dirty.clear();
     }
 
-    /// What a tetrahedron with these nodes has or had a share in, summed again over what is left: ten tensors or six
-    /// springs, four masses. In the order of a fresh assembly, so that it equals one to the bit, and exactly
-    /// zero where nothing is left.
-    fn sum_again(&mut self, model: &Model, nodes: [u32; 4]) {
-        for j in 0..4 {
-            let mut weight = 0.0;
-            let mut blocks = [Matrix3::zeros(); 4];
-            let mut springs = [0.0; 4];
-            for other in model.topology.star(self.origin(nodes[j]) as usize) {
-                let other = *other as usize;
-                if !self.alive[other] {
-                    continue;
-                }
-                let corners = &self.tetrahedra[other];
-                let place = |node: u32| corners.iter().position(|c| *c == node);
-                let Some(own) = place(nodes[j]) else { continue };
-                let (shape, material) = (&model.shape[other], model.material(other));
-                weight += material.density * shape.volume / 4.0;
-                if !model.parts.dynamic[other] {
-                    continue;
-                }
-                for k in j..4 {
-                    let Some(to) = place(nodes[k]) else { continue };
-                    if self.springs.is_some() {
-                        if k > j {
-                            let edge = self.rest[nodes[k] as usize] - self.rest[nodes[j] as usize];
-                            springs[k] += spring_mass::share(&material.law, shape.volume, &edge);
-                        }
-                        continue;
+    /// Tensors of a node and of its dirty edges to higher nodes, or their springs; its mass.
+    fn sum_again(&mut self, model: &Model, node: u32) {
+        let n = node as usize;
+        self.ends.clear();
+        for corners in &self.dirty {
+            if corners.contains(&node) {
+                for end in corners.iter().filter(|end| **end >= node) {
+                    if self.slot[*end as usize] == NONE {
+                        self.slot[*end as usize] = self.ends.len() as u32;
+                        self.ends.push(*end);
                     }
-                    let (low, high) = if nodes[j] <= nodes[k] {
-                        (own, to)
-                    } else {
-                        (to, own)
-                    };
-                    let gradient = &shape.gradient;
-                    blocks[k] +=
-                        material
-                            .law
-                            .stiffness_block(shape.volume, &gradient[low], &gradient[high]);
                 }
             }
-            let pattern = self.pattern.as_deref().unwrap_or(&model.pattern);
-            for k in j..4 {
-                match &mut self.springs {
-                    Some(all) => all.set(pattern, nodes[j], nodes[k], springs[k]),
-                    None => self.tensors.set(pattern, nodes[j], nodes[k], &blocks[k]),
+        }
+        self.blocks.clear();
+        self.blocks.resize(self.ends.len(), Matrix3::zeros());
+        let mut weight = 0.0;
+        for other in model.topology.star(self.origin(node) as usize) {
+            let other = *other as usize;
+            let corners = &self.tetrahedra[other];
+            if !self.alive[other] {
+                continue;
+            }
+            let Some(own) = corners.iter().position(|c| *c == node) else {
+                continue;
+            };
+            let (shape, material) = (&model.shape[other], model.material(other));
+            weight += material.density * shape.volume / 4.0;
+            if !model.parts.dynamic[other] {
+                continue;
+            }
+            for (end, corner) in corners.iter().enumerate() {
+                let slot = self.slot[*corner as usize];
+                if slot == NONE {
+                    continue;
                 }
+                let block = &mut self.blocks[slot as usize];
+                if self.springs.is_some() {
+                    if end != own {
+                        let edge = self.rest[*corner as usize] - self.rest[n];
+                        block[(0, 0)] += spring_mass::share(&material.law, shape.volume, &edge);
+                    }
+                    continue;
+                }
+                *block += material.law.stiffness_block(
+                    shape.volume,
+                    &shape.gradient[own],
+                    &shape.gradient[end],
+                );
             }
-            let n = nodes[j] as usize;
-            let [weight_goes, mass_goes] = goes(model, n);
-            if weight_goes {
-                self.weight[n] = weight;
+        }
+        let pattern = self.pattern.as_deref().unwrap_or(&model.pattern);
+        for (end, block) in self.ends.iter().zip(&self.blocks) {
+            self.slot[*end as usize] = NONE;
+            match &mut self.springs {
+                Some(springs) => springs.set(pattern, node, *end, block[(0, 0)]),
+                None => self.tensors.set(pattern, node, *end, block),
             }
-            if mass_goes {
-                self.mass[n] = weight;
-            }
+        }
+        self.ends.clear();
+        self.blocks.clear();
+        let [weight_goes, mass_goes] = goes(model, n);
+        if weight_goes {
+            self.weight[n] = weight;
+        }
+        if mass_goes {
+            self.mass[n] = weight;
         }
     }
 
@@ -460,7 +484,10 @@ impl LiveMesh {
             pattern.reserve();
             self.splits.reserve(4 * model.mesh.tetrahedra.len());
         }
-        self.around.reserve(model.mesh.nodes.len().min(4096));
+        let nodes = model.mesh.nodes.len();
+        self.around.reserve(12 * model.mesh.tetrahedra.len());
+        self.ends.reserve(nodes);
+        self.blocks.reserve(nodes);
         self.dirty.reserve(3 * model.mesh.tetrahedra.len());
         self.surface.reserve(model.topology.faces.len());
     }
