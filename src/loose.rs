@@ -694,8 +694,25 @@ fn inverse(m: &Matrix3<f64>) -> Matrix3<f64> {
     }
 }
 
-/// Rotation R of A = R S, S symmetric: nearest to A, of determinant 1.
+/// Rotation R of A = R S, S symmetric: nearest to A, of determinant 1. By Newton's iteration with Higham's
+/// scaling, Q <- (g Q + Q^-T / g)/2, g² = |Q^-1| / |Q|; by singular values where A is nearly flat or inside out.
 fn polar(a: &Matrix3<f64>) -> Matrix3<f64> {
+    let size = a.norm();
+    let mut q = *a;
+    if a.determinant() > 1e-9 * size.powi(3) {
+        for _ in 0..30 {
+            let Some(inverse) = q.try_inverse() else {
+                break;
+            };
+            let g = (inverse.norm() / q.norm()).sqrt();
+            let next = (q * g + inverse.transpose() / g) * 0.5;
+            let change = (next - q).norm();
+            q = next;
+            if change < 1e-14 {
+                return q;
+            }
+        }
+    }
     let svd = a.svd(true, true);
     let (Some(mut u), Some(v_t)) = (svd.u, svd.v_t) else {
         return Matrix3::identity();
@@ -705,4 +722,30 @@ fn polar(a: &Matrix3<f64>) -> Matrix3<f64> {
         u.column_mut(least).neg_mut();
     }
     u * v_t
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn polar_is_a_rotation_that_leaves_a_symmetric_factor() {
+        for k in 0..200 {
+            let f = |n: f64| (f64::from(k) * n).sin();
+            let stretch = Matrix3::from_diagonal(&Vec3::new(1e-4, 1e-5 * (2.0 + f(1.1)), 1e-6));
+            let turn = Rotation3::new(Vec3::new(3.0 * f(1.3), 3.0 * f(2.1), 3.0 * f(0.7)));
+            let skew = Matrix3::from_fn(|i, j| 1e-7 * f((3 * i + j) as f64 + 0.5));
+            let a = turn * (stretch + skew);
+            let r = polar(&a);
+            let s = r.transpose() * a;
+            assert!((r.transpose() * r - Matrix3::identity()).norm() < 1e-14);
+            assert!((r.determinant() - 1.0).abs() < 1e-14);
+            assert!((s - s.transpose()).norm() < 1e-14 * a.norm());
+        }
+        // Flat, and inside out.
+        for last in [0.0, -1e-3] {
+            let r = polar(&Matrix3::from_diagonal(&Vec3::new(1.0, 2.0, last)));
+            assert!((r - Matrix3::identity()).norm() < 1e-12);
+        }
+    }
 }

@@ -89,6 +89,12 @@ fn turns(state: &State, node: u32) -> bool {
     state.live.springs.is_none() && state.live.pieces.is_loose(node as usize)
 }
 
+/// Whether the way of its vertices is known: not in a turning frame, nor where one has been split.
+fn is_followed(model: &Model, state: &State, t: u32) -> bool {
+    let nodes = state.live.tetrahedra[t as usize];
+    nodes == model.mesh.tetrahedra[t as usize] && !turns(state, nodes[0])
+}
+
 /// Live dynamic tetrahedra past the threshold and their measures, by looking at all of them.
 pub fn past_threshold(model: &Model, state: &State) -> Vec<(f64, u32)> {
     let mut loose = loose::Scratch::new(model);
@@ -143,8 +149,9 @@ pub struct Tears {
     /// 1/L a tetrahedron, in the same order \[m\].
     reach: Vec<f64>,
     blocks: Vec<Block>,
-    /// That the rooms are of.
+    /// That the rooms are of: threshold, and state of the mesh.
     threshold: f64,
+    revision: u64,
     found: Vec<(f64, u32)>,
     list: Vec<u32>,
     /// Tetrahedra looked at so far.
@@ -176,6 +183,7 @@ impl Tears {
             blocks: tetrahedra.chunks(BLOCK).map(block).collect(),
             reach: (tetrahedra.iter().map(|t| 1.0 / slope(model, *t as usize))).collect(),
             threshold: f64::NAN,
+            revision: 0,
             found: Vec::with_capacity(tetrahedra.len()),
             list: Vec::with_capacity(tetrahedra.len()),
             tetrahedra,
@@ -215,11 +223,11 @@ impl Tears {
                     self.found.push((measure, *t));
                 }
                 let allowed = allowed(model, *t as usize, &u, nearly - measure);
-                // The way in a turning frame is not known, nor that of a vertex that has been split.
-                let turns = turns(state, state.live.tetrahedra[*t as usize][0]);
-                let is_split =
-                    state.live.tetrahedra[*t as usize] != model.mesh.tetrahedra[*t as usize];
-                let reach = if turns || is_split { 0.0 } else { *reach };
+                let reach = if is_followed(model, state, *t) {
+                    *reach
+                } else {
+                    0.0
+                };
                 block.room = block.room.min(reach * allowed);
             }
             self.looked_at += tetrahedra.len() as u64;
@@ -253,14 +261,19 @@ impl Tears {
         // Reaches are below the longest edge, and taking a way from one errs by half of this.
         let round_off = f64::EPSILON * model.longest_edge;
         let all = self.threshold != state.parameters.tearing_threshold;
+        let cut = self.revision != state.live.revision;
+        self.revision = state.live.revision;
+        let other = |t: &u32| !is_followed(model, state, *t);
+        let others = !state.live.pieces.loose_nodes().is_empty() || !state.live.splits.is_empty();
         self.threshold = state.parameters.tearing_threshold;
-        for block in &mut self.blocks {
+        for (block, tetrahedra) in self.blocks.iter_mut().zip(self.tetrahedra.chunks(BLOCK)) {
             let [first, last] = block.chunks.map(|c| c as usize);
             let way = self.way[first..=last]
                 .iter()
                 .fold(0.0, |a, w| if *w > a { *w } else { a });
             block.room -= way + round_off;
-            if all {
+            // A cut may have set loose or split what the room was of.
+            if all || (cut && others && tetrahedra.iter().any(other)) {
                 block.room = 0.0;
             }
         }

@@ -434,3 +434,44 @@ fn the_cylinder_tears_off_below_its_clamp() {
         .fold(1.0, f64::min);
     assert!(low > 0.09, "{low}");
 }
+
+/// A cut that sets a stretched piece loose, and vertices that split, change what is measured at once: nothing that
+/// tears is overlooked.
+#[test]
+fn tears_what_a_cut_has_changed() {
+    for rule in ["remove", "duplicate"] {
+        for criterion in CRITERIA {
+            let more = format!(
+                r#", "cutting": {{"rule": "{rule}"}}, "cuts": [
+                {{"time": 1.0, "where": {{"tetrahedra": [301, 322, 343, 364, 385, 406, 427, 448, 469, 490]}}}},
+                {{"time": 1.2, "where": {{"box": {{"min": [0.02, 0, 0], "max": [0.034, 1, 1]}}}}}}]"#
+            );
+            // Just strong enough for what it bears until then.
+            let text = pulled("tensorMass", criterion, 0.27, &more);
+            let mut s = common::simulation(&text);
+            let model = s.model().clone();
+            let mut torn = 0;
+            for k in 0..1500 {
+                let expected = plain(&model, s.state());
+                let before = s.state().live.removed.len();
+                s.step(1e-3).unwrap();
+                let went = &s.state().live.removed[before..];
+                if k != 1000 && k != 1200 {
+                    assert!(went.starts_with(&expected), "{rule} {criterion} {k}");
+                    assert!(
+                        !expected.is_empty() || went.is_empty(),
+                        "{rule} {criterion} {k}"
+                    );
+                    torn += expected.len();
+                }
+            }
+            let live = &s.state().live;
+            println!(
+                "{rule} {criterion}: {torn} torn, {} loose vertices, {} split",
+                live.pieces.loose_nodes().len(),
+                model.parts.spares - live.pattern(&model).first
+            );
+            assert!(!live.pieces.loose_nodes().is_empty());
+        }
+    }
+}

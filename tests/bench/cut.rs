@@ -26,6 +26,7 @@ fn main() {
                 .expect("a scene of this file"),
         );
         substep(name, &model);
+        loose_half(name, &model);
         for (order, one) in [("scattered", false), ("through", true)] {
             removals(name, order, &model, one);
         }
@@ -44,6 +45,41 @@ fn substep(name: &str, model: &Arc<Model>) {
         .collect();
     times.sort_by(f64::total_cmp);
     println!("{name},substep,{:.2}", 1e6 * times[RUNS / 2]);
+}
+
+/// A substep when a slice across the mesh has gone, so that what is loose moves in its frame.
+fn loose_half(name: &str, model: &Arc<Model>) {
+    let middle = model.report.bounds[0] * 0.35 + model.report.bounds[1] * 0.65;
+    let through = |t: &u32| {
+        let at = model.mesh.tetrahedra[*t as usize].map(|v| model.mesh.nodes[v as usize].x);
+        (at.iter().sum::<f64>() / 4.0 - middle.x).abs() < 0.7 * model.longest_edge
+    };
+    let chosen: Vec<u32> = (0..model.mesh.tetrahedra.len() as u32)
+        .filter(through)
+        .collect();
+    let mut s = Simulation::new(model.clone());
+    s.step(0.02).expect("a step");
+    let mut state = s.save();
+    state.reserve(model);
+    let mut scratch = cut::Scratch::new(model);
+    let mut loose = loose::Scratch::new(model);
+    cut::event(model, &mut state, &mut scratch, &mut loose, &chosen);
+    s.restore(&state);
+    let length = 100.0 * s.substep();
+    let mut times: Vec<f64> = (0..RUNS)
+        .map(|_| {
+            let start = Instant::now();
+            s.step(length).expect("a step");
+            start.elapsed().as_secs_f64() / 100.0
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    let nodes = s.state().live.pieces.loose_nodes().len();
+    println!(
+        "{name},substep with {nodes} of {} vertices loose,{:.2}",
+        model.mesh.nodes.len(),
+        1e6 * times[RUNS / 2]
+    );
 }
 
 /// Scattered over the mesh, or plane by plane through it.
