@@ -14,6 +14,8 @@ pub struct Scratch {
     worklist: Worklist,
     lost: Vec<u32>,
     search: Search,
+    /// Since [`crate::tear`] looked last a piece has come loose.
+    pub(crate) loosened: bool,
 }
 
 impl Scratch {
@@ -74,13 +76,20 @@ pub fn event(
     for new in state.live.pattern(model).first..spares {
         let origin = state.live.origin[new] as usize;
         for t in model.topology.star(origin) {
-            for node in state.live.tetrahedra[*t as usize] {
-                state.refresh_node(model, node as usize);
-                state.refresh_external(model, node as usize);
+            // Beside connection nodes there is pre-computed tissue.
+            let nodes = state.live.tetrahedra[*t as usize];
+            for node in nodes.map(|v| v as usize) {
+                if node < model.parts.moving {
+                    state.refresh_node(model, node);
+                    state.refresh_external(model, node);
+                }
             }
         }
     }
-    state.account.dissipated -= loose.gained(model, state, before, &scratch.search.changed);
+    let changed = &scratch.search.changed;
+    let is_loose = |label: u32| state.live.pieces.loose_piece(label).is_some();
+    scratch.loosened |= changed.iter().any(|(piece, was)| !was && is_loose(*piece));
+    state.account.dissipated -= loose.gained(model, state, before, changed);
 }
 
 /// Splits a node for some tetrahedra of its star. Nothing moves; what holds it holds both. None where no spare is left.

@@ -116,6 +116,10 @@ pub fn tear(
         return;
     }
     loose.locate(state);
+    if std::mem::take(&mut scratch.loosened) {
+        // In its frame tissue is strained otherwise.
+        tears.forget();
+    }
     let list = tears.find(model, state, loose);
     if !list.is_empty() {
         cut::event(model, state, scratch, loose, list);
@@ -143,6 +147,10 @@ pub struct Tears {
     /// 1/L a tetrahedron, in the same order \[m\].
     reach: Vec<f64>,
     blocks: Vec<Block>,
+    /// Block of each tetrahedron of the mesh.
+    block_of: Vec<u32>,
+    /// Length of the list of splits that has been seen.
+    splits: usize,
     /// That the rooms are of.
     threshold: f64,
     found: Vec<(f64, u32)>,
@@ -170,7 +178,13 @@ impl Tears {
                 room: 0.0,
             }
         };
+        let mut block_of = vec![0; model.shape.len()];
+        for (at, t) in tetrahedra.iter().enumerate() {
+            block_of[*t as usize] = (at / BLOCK) as u32;
+        }
         Tears {
+            block_of,
+            splits: 0,
             seen: vec![Lane::default(); model.parts.moving],
             way: vec![0.0; model.parts.moving.div_ceil(CHUNK)],
             blocks: tetrahedra.chunks(BLOCK).map(block).collect(),
@@ -187,6 +201,7 @@ impl Tears {
     /// looked at.
     pub fn forget(&mut self) {
         self.threshold = f64::NAN;
+        self.splits = usize::MAX;
     }
 
     /// What tears now, the largest measure first, of equal ones the lowest number first.
@@ -264,6 +279,17 @@ impl Tears {
                 block.room = 0.0;
             }
         }
+        // What has got a new vertex may go another way than the old one.
+        let splits = &state.live.splits;
+        let mut new = splits.get(self.splits..).unwrap_or_default();
+        while let [_, _, count, rest @ ..] = new {
+            let (moved, later) = rest.split_at(*count as usize);
+            for t in moved {
+                self.blocks[self.block_of[*t as usize] as usize].room = 0.0;
+            }
+            new = later;
+        }
+        self.splits = splits.len();
     }
 }
 
