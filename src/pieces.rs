@@ -1,6 +1,6 @@
 //! Connected pieces of live tissue, kept up to date cut by cut, and which of them are loose.
 //!
-//! A piece comes apart only where a star has split (see [`crate::star`]). Then a search goes out from all
+//! A piece comes apart only where a star has split (see [`crate::star`]), or beside pre-computed tissue. Then a search goes out from all
 //! tetrahedra next to the cut at once, a few steps each in turn, and ends when all that still search have met:
 //! what has run out of tissue before is a piece of its own. Its cost is that of the smaller parts.
 //!
@@ -42,6 +42,21 @@ pub struct Tissue<'a> {
 }
 
 impl Tissue<'_> {
+    /// Connection nodes of `t`. What hangs by one alone stays, as pre-computed tissue does not go.
+    fn connections(&self, model: &Model, t: u32) -> impl Iterator<Item = u32> {
+        let range = model.parts.connected_from()..model.parts.moving;
+        let nodes = self.tetrahedra[t as usize].into_iter();
+        nodes.filter(move |v| range.contains(&(*v as usize)))
+    }
+
+    /// Live tetrahedra round a connection node.
+    fn star<'a>(&'a self, model: &'a Model, node: u32) -> impl Iterator<Item = u32> + 'a {
+        let star = model.topology.star(node as usize).iter().copied();
+        star.filter(move |t| {
+            self.alive[*t as usize] && self.tetrahedra[*t as usize].contains(&node)
+        })
+    }
+
     fn free(&self, model: &Model, node: u32) -> [bool; 3] {
         match self.origin.get(node as usize).copied().unwrap_or(node) {
             NONE => [true; 3],
@@ -74,6 +89,8 @@ pub struct Search {
     before: Vec<bool>,
     /// A node each: the one group that still searches the piece with that label, or [`NONE`].
     claim: Vec<u32>,
+    /// As they were, where all are found afresh.
+    pieces: Pieces,
     /// Labels of the pieces that are new or another now, and whether what they come from was loose.
     pub(crate) changed: Vec<(u32, bool)>,
 }
@@ -85,7 +102,13 @@ impl Search {
         }
         let count = model.mesh.tetrahedra.len();
         let room = || Vec::with_capacity(count);
+        let mut pieces = Pieces::default();
+        if model.is_pinched {
+            pieces.copy_from(&model.whole.pieces);
+            pieces.reserve();
+        }
         Search {
+            pieces,
             group: vec![NONE; count],
             behind: vec![NONE; count],
             reached: room(),
@@ -147,7 +170,7 @@ impl Search {
 
     /// Goes on until in each piece all groups that still have somewhere to go have met. Whether in one there are groups
     /// that have not.
-    fn run(&mut self, model: &Model, alive: &[bool]) -> bool {
+    fn run(&mut self, model: &Model, tissue: &Tissue) -> bool {
         loop {
             let mut disputed = false;
             for group in self.groups() {
@@ -159,7 +182,7 @@ impl Search {
             for group in self.groups() {
                 let piece = self.piece[group as usize] as usize;
                 if self.claim[piece] == DISPUTED {
-                    self.spread(model, alive, group);
+                    self.spread(model, tissue, group);
                 }
             }
             self.release();
@@ -194,7 +217,7 @@ impl Search {
         }
     }
 
-    fn spread(&mut self, model: &Model, alive: &[bool], group: u32) {
+    fn spread(&mut self, model: &Model, tissue: &Tissue, group: u32) {
         for _ in 0..TURN {
             let t = self.head[group as usize];
             if t == NONE {
@@ -202,17 +225,25 @@ impl Search {
             }
             self.head[group as usize] = self.behind[t as usize];
             for other in model.topology.neighbour[t as usize] {
-                if other == NONE || !alive[other as usize] {
-                    continue;
+                if other != NONE && tissue.alive[other as usize] {
+                    self.reach(group, other);
                 }
-                match self.group[other as usize] {
-                    NONE => self.queue(group, other),
-                    there if there == group => {}
-                    there => {
-                        let (a, b) = (self.root(there), self.root(group));
-                        self.met[a.max(b) as usize] = a.min(b);
-                    }
+            }
+            for node in tissue.connections(model, t) {
+                for other in tissue.star(model, node) {
+                    self.reach(group, other);
                 }
+            }
+        }
+    }
+
+    fn reach(&mut self, group: u32, t: u32) {
+        match self.group[t as usize] {
+            NONE => self.queue(group, t),
+            there if there == group => {}
+            there => {
+                let (a, b) = (self.root(there), self.root(group));
+                self.met[a.max(b) as usize] = a.min(b);
             }
         }
     }
@@ -247,9 +278,14 @@ impl Pieces {
         pieces
     }
 
-    /// A vertex that has been split from another belongs to the same piece.
+    /// A vertex that has been split from another belongs to the same piece, as its lowest node.
     pub(crate) fn join(&mut self, new: u32, other: u32) {
-        self.label[new as usize] = self.label[other as usize];
+        let label = self.label[other as usize];
+        self.label[new as usize] = label;
+        if let Some((at, piece)) = self.loose_piece(label) {
+            self.nodes.insert(piece.start, new);
+            self.ends[at..].iter_mut().for_each(|end| *end += 1);
+        }
     }
 
     /// Room for any division.
@@ -393,7 +429,8 @@ impl Pieces {
         search.changed.clear();
         if model.is_pinched {
             // Vertices that hold parts together do not show in stars.
-            let before = self.clone();
+            let mut before = std::mem::take(&mut search.pieces);
+            before.copy_from(self);
             self.find_all(model, tissue);
             for node in self
                 .nodes
@@ -406,6 +443,7 @@ impl Pieces {
                     search.note(*node, was_loose);
                 }
             }
+            search.pieces = before;
             return;
         }
         let mut lists = false;
@@ -428,7 +466,9 @@ impl Pieces {
                 search.note(name, was_loose);
             }
         }
-        if severs {
+        // What hung together by a connection node does not show in stars either.
+        let connects = |t: &u32| tissue.connections(model, *t).next().is_some();
+        if severs || removed.iter().any(connects) {
             self.divide(model, tissue, removed, search);
         }
         for (label, was_loose) in &search.changed {
@@ -464,16 +504,23 @@ impl Pieces {
 
     /// Finds which pieces the cut has divided. Those that are new, or lost some, are noted as changed.
     fn divide(&mut self, model: &Model, tissue: &Tissue, removed: &[u32], search: &mut Search) {
-        let alive = tissue.alive;
-        for t in removed {
-            for t in model.topology.neighbour[*t as usize] {
-                if t != NONE && alive[t as usize] && search.group[t as usize] == NONE {
-                    let node = tissue.tetrahedra[t as usize][0];
-                    search.start(t, self.label[node as usize]);
+        let mut start = |t: u32| {
+            if search.group[t as usize] == NONE {
+                let node = tissue.tetrahedra[t as usize][0];
+                search.start(t, self.label[node as usize]);
+            }
+        };
+        for removed in removed {
+            for t in model.topology.neighbour[*removed as usize] {
+                if t != NONE && tissue.alive[t as usize] {
+                    start(t);
                 }
             }
+            for node in tissue.connections(model, *removed) {
+                tissue.star(model, node).take(1).for_each(&mut start);
+            }
         }
-        if search.run(model, alive) {
+        if search.run(model, tissue) {
             self.part(tissue, search);
         }
         search.clear();
@@ -514,9 +561,9 @@ impl Pieces {
                 };
                 search.note(rest, was_loose);
             } else {
-                search
-                    .changed
-                    .push((search.highest[group as usize], was_loose));
+                // What is noted of the whole has this name, too.
+                let highest = search.highest[group as usize];
+                search.note(highest, was_loose);
             }
         }
         for k in 0..search.reached.len() {
