@@ -82,9 +82,13 @@ pub fn event(
     for new in state.live.pattern(model).first..spares {
         let origin = state.live.origin[new] as usize;
         for t in model.topology.star(origin) {
-            for node in state.live.tetrahedra[*t as usize] {
-                state.refresh_node(model, node as usize);
-                state.refresh_external(model, node as usize);
+            // Beside connection nodes there is pre-computed tissue.
+            let nodes = state.live.tetrahedra[*t as usize];
+            for node in nodes.map(|v| v as usize) {
+                if node < model.parts.moving {
+                    state.refresh_node(model, node);
+                    state.refresh_external(model, node);
+                }
             }
         }
     }

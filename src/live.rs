@@ -52,7 +52,7 @@ pub struct LiveMesh {
     pub pieces: Pieces,
     /// Corners of tetrahedra that have changed: what is summed of them is old. Empty but during a cut.
     dirty: Vec<[u32; 4]>,
-    /// Scratch: nodes round a vertex that splits; other ends of a node's dirty edges and what is summed for each; a
+    /// Scratch, left empty, as what is the same shall compare so: nodes round a vertex that splits; other ends of a node's dirty edges and what is summed for each; a
     /// node each, its place among those ends, or [`NONE`].
     around: Vec<u32>,
     ends: Vec<u32>,
@@ -253,9 +253,13 @@ impl LiveMesh {
         if let Some(springs) = &self.springs
             && !springs.has_room(self.around.len())
         {
+            self.around.clear();
             return None;
         }
-        let new = self.pattern.as_mut()?.open(&self.around)?;
+        let Some(new) = self.pattern.as_mut().and_then(|p| p.open(&self.around)) else {
+            self.around.clear();
+            return None;
+        };
         let (n, from) = (new as usize, node as usize);
         self.rest[n] = self.rest[from];
         self.origin[n] = self.origin(node);
@@ -284,6 +288,7 @@ impl LiveMesh {
         self.mass[n] = share;
         self.mass[from] -= share;
         self.pieces.join(new, node);
+        self.around.clear();
         Some(new)
     }
 
@@ -391,7 +396,8 @@ impl LiveMesh {
         (self.pieces).update(model, &tissue, &self.removed[first..], severs, search);
     }
 
-    /// Goes through a history from where this one ends, but for what it does to the pieces.
+    /// Goes through a history from where this one ends, but for what it does to the pieces. Splits end where there is
+    /// no room for one.
     fn replay(&mut self, model: &Model, removed: &[u32], splits: &[u32]) {
         let mut splits = &splits[self.splits.len()..];
         for at in self.removed.len()..=removed.len() {
@@ -400,7 +406,10 @@ impl LiveMesh {
             {
                 let (moved, later) = rest.split_at(*count as usize);
                 splits = later;
-                self.split(model, *node, moved);
+                if self.split(model, *node, moved).is_none() {
+                    // Nobody's history: there was no room.
+                    splits = &[];
+                }
             }
             if let Some(t) = removed.get(at) {
                 self.remove(model, *t);
@@ -466,7 +475,12 @@ impl LiveMesh {
     /// Brings an older copy of the same history up to date by the removals it lacks; otherwise copies.
     /// Either way the result equals `newer` to the bit.
     pub(crate) fn catch_up(&mut self, model: &Model, newer: &LiveMesh) {
-        if newer.removed.starts_with(&self.removed) && newer.splits.starts_with(&self.splits) {
+        let later = newer.splits.get(self.splits.len());
+        // What was cut at once here may have been cut, and split, one after the other there.
+        let goes_on = newer.removed.starts_with(&self.removed)
+            && newer.splits.starts_with(&self.splits)
+            && later.is_none_or(|before| *before as usize >= self.removed.len());
+        if goes_on {
             self.replay(model, &newer.removed, &newer.splits);
             self.cleaned = newer.cleaned;
             self.cleaned_volume = newer.cleaned_volume;

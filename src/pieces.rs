@@ -1,6 +1,6 @@
 //! Connected pieces of live tissue, kept up to date cut by cut, and which of them are loose.
 //!
-//! A piece comes apart only where a star has split (see [`crate::star`]). Then a search goes out from all
+//! A piece comes apart only where a star has split (see [`crate::star`]), or beside pre-computed tissue. Then a search goes out from all
 //! tetrahedra next to the cut at once, a few steps each in turn, and ends when all that still search have met:
 //! what has run out of tissue before is a piece of its own. Its cost is that of the smaller parts.
 //!
@@ -44,6 +44,21 @@ pub struct Tissue<'a> {
 }
 
 impl Tissue<'_> {
+    /// Connection nodes of `t`. What hangs by one alone stays, as pre-computed tissue does not go.
+    fn connections(&self, model: &Model, t: u32) -> impl Iterator<Item = u32> {
+        let range = model.parts.connected_from()..model.parts.moving;
+        let nodes = self.tetrahedra[t as usize].into_iter();
+        nodes.filter(move |v| range.contains(&(*v as usize)))
+    }
+
+    /// Live tetrahedra round a connection node.
+    fn star<'a>(&'a self, model: &'a Model, node: u32) -> impl Iterator<Item = u32> + 'a {
+        let star = model.topology.star(node as usize).iter().copied();
+        star.filter(move |t| {
+            self.alive[*t as usize] && self.tetrahedra[*t as usize].contains(&node)
+        })
+    }
+
     fn free(&self, model: &Model, node: u32) -> [bool; 3] {
         match self.origin.get(node as usize).copied().unwrap_or(node) {
             NONE => [true; 3],
@@ -78,6 +93,8 @@ pub struct Search {
     /// reached it first, or [`NONE`].
     claim: Vec<u32>,
     at_node: Vec<u32>,
+    /// As they were, where all are found afresh.
+    pieces: Pieces,
     /// Labels of the pieces that are new or another now, and whether what they come from was loose.
     pub(crate) changed: Vec<(u32, bool)>,
 }
@@ -89,7 +106,13 @@ impl Search {
         }
         let count = model.mesh.tetrahedra.len();
         let room = || Vec::with_capacity(count);
+        let mut pieces = Pieces::default();
+        if model.is_pinched {
+            pieces.copy_from(&model.whole.pieces);
+            pieces.reserve();
+        }
         Search {
+            pieces,
             group: vec![NONE; count],
             behind: vec![NONE; count],
             reached: room(),
@@ -226,6 +249,13 @@ impl Search {
                     self.queue(tissue, group, other);
                 }
             }
+            for node in tissue.connections(model, t) {
+                for other in tissue.star(model, node) {
+                    if self.group[other as usize] == NONE {
+                        self.queue(tissue, group, other);
+                    }
+                }
+            }
         }
     }
 
@@ -262,9 +292,14 @@ impl Pieces {
         pieces
     }
 
-    /// A vertex that has been split from another belongs to the same piece.
+    /// A vertex that has been split from another belongs to the same piece, as its lowest node.
     pub(crate) fn join(&mut self, new: u32, other: u32) {
-        self.label[new as usize] = self.label[other as usize];
+        let label = self.label[other as usize];
+        self.label[new as usize] = label;
+        if let Some((at, piece)) = self.loose_piece(label) {
+            self.nodes.insert(piece.start, new);
+            self.ends[at..].iter_mut().for_each(|end| *end += 1);
+        }
     }
 
     /// Room for any division.
@@ -412,7 +447,8 @@ impl Pieces {
         search.changed.clear();
         if model.is_pinched {
             // Vertices that hold parts together do not show in stars.
-            let before = self.clone();
+            let mut before = std::mem::take(&mut search.pieces);
+            before.copy_from(self);
             self.find_all(model, tissue);
             for node in self
                 .nodes
@@ -425,6 +461,7 @@ impl Pieces {
                     search.note(*node, was_loose);
                 }
             }
+            search.pieces = before;
             return;
         }
         let mut lists = false;
@@ -447,7 +484,9 @@ impl Pieces {
                 search.note(name, was_loose);
             }
         }
-        if severs {
+        // What hung together by a connection node does not show in stars either.
+        let connects = |t: &u32| tissue.connections(model, *t).next().is_some();
+        if severs || removed.iter().any(connects) {
             self.divide(model, tissue, removed, search);
         }
         for (label, was_loose) in &search.changed {
@@ -483,12 +522,20 @@ impl Pieces {
 
     /// Finds which pieces the cut has divided. Those that are new, or lost some, are noted as changed.
     fn divide(&mut self, model: &Model, tissue: &Tissue, removed: &[u32], search: &mut Search) {
-        for t in removed {
-            for t in model.topology.neighbour[*t as usize] {
-                if t != NONE && tissue.alive[t as usize] && search.group[t as usize] == NONE {
-                    let node = tissue.tetrahedra[t as usize][0];
-                    search.start(tissue, t, self.label[node as usize]);
+        let mut start = |t: u32| {
+            if search.group[t as usize] == NONE {
+                let node = tissue.tetrahedra[t as usize][0];
+                search.start(tissue, t, self.label[node as usize]);
+            }
+        };
+        for removed in removed {
+            for t in model.topology.neighbour[*removed as usize] {
+                if t != NONE && tissue.alive[t as usize] {
+                    start(t);
                 }
+            }
+            for node in tissue.connections(model, *removed) {
+                tissue.star(model, node).take(1).for_each(&mut start);
             }
         }
         if search.run(model, tissue) {
@@ -532,9 +579,9 @@ impl Pieces {
                 };
                 search.note(rest, was_loose);
             } else {
-                search
-                    .changed
-                    .push((search.highest[group as usize], was_loose));
+                // What is noted of the whole has this name, too.
+                let highest = search.highest[group as usize];
+                search.note(highest, was_loose);
             }
         }
         for k in 0..search.reached.len() {

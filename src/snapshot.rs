@@ -295,6 +295,9 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
         return Err(SnapshotError::Damaged);
     }
     state.live = LiveMesh::after(model, &removed, &splits);
+    if state.live.splits != splits {
+        return Err(SnapshotError::Damaged);
+    }
     state.live.cleaned = input.index(removed.len() + 1)?;
     state.live.cleaned_volume = input.real()?;
     let supports = model.boundary.prescribed.len();
@@ -362,21 +365,37 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     Ok(state)
 }
 
-/// Whether splits name what there is, so that going through them fails nowhere.
+/// Whether what goes and what splits is there at the time, so that going through it fails nowhere (but for want of
+/// room).
 fn is_history(model: &Model, removed: &[u32], mut splits: &[u32]) -> bool {
-    let tetrahedra = model.mesh.tetrahedra.len();
-    while let [before, node, count, rest @ ..] = splits {
-        let fits = *before as usize <= removed.len()
-            && (*node as usize) < model.parts.moving
-            && *count as usize <= rest.len();
-        if !fits
-            || rest[..*count as usize]
-                .iter()
-                .any(|t| *t as usize >= tetrahedra)
+    let mut tetrahedra = model.mesh.tetrahedra.clone();
+    let mut can_go = model.parts.dynamic.clone();
+    let mut spare = model.parts.spares as u32;
+    for at in 0..=removed.len() {
+        while let [before, node, count, rest @ ..] = splits
+            && *before as usize == at
         {
+            let count = *count as usize;
+            if spare == 0 || count == 0 || count > rest.len() {
+                return false;
+            }
+            spare -= 1;
+            for t in &rest[..count] {
+                let t = *t as usize;
+                let corner = (tetrahedra.get_mut(t))
+                    .filter(|_| can_go[t])
+                    .and_then(|corners| corners.iter_mut().find(|v| *v == node));
+                let Some(corner) = corner else {
+                    return false;
+                };
+                *corner = spare;
+            }
+            splits = &rest[count..];
+        }
+        let went = removed.get(at).map(|t| &mut can_go[*t as usize]);
+        if went.is_some_and(|goes| !std::mem::replace(goes, false)) {
             return false;
         }
-        splits = &rest[*count as usize..];
     }
     splits.is_empty()
 }

@@ -273,3 +273,146 @@ fn random_removals_leave_a_good_mesh() {
         }
     }
 }
+
+fn scattered_cuts(tetrahedra: &[usize], count: usize, interval: f64) -> String {
+    let cuts: Vec<String> = (0..count)
+        .map(|k| {
+            let t = tetrahedra[k * 337 % tetrahedra.len()];
+            let time = interval * k as f64;
+            format!(r#"{{"time": {time}, "where": {{"tetrahedra": [{t}]}}}}"#)
+        })
+        .collect();
+    cuts.join(",")
+}
+
+/// A block that nothing fixes is loose from the start; vertices that split in it are loose, too.
+#[test]
+fn vertices_split_in_loose_pieces() {
+    for scheme in [
+        "symplecticEuler",
+        "centralDifference",
+        "implicitEuler",
+        "rungeKutta4",
+    ] {
+        let all: Vec<usize> = (0..360).collect();
+        let text = format!(
+            r#"{{"name": "block", "mesh": {{"box": {{"size": [0.08, 0.03, 0.03], "cells": [8, 3, 3]}}}},
+  "materials": [{{"where": {{"all": true}}, "youngModulus": 40000, "poissonRatio": 0.4, "density": 1000}}],
+  "cutting": {{"rule": "duplicate"}}, "integration": {{"scheme": "{scheme}", "damping": 20}}, "cuts": [{}]}}"#,
+            scattered_cuts(&all, 100, 2e-3)
+        );
+        let mut s = common::simulation(&text);
+        for _ in 0..250 {
+            s.step(1e-3).unwrap();
+            check(&s);
+            let energy = s.energy();
+            let off = energy.balance() - s.state().account.start;
+            assert!(off.abs() < 1e-12 * energy.kinetic.max(1e-9), "{off:e}");
+        }
+        assert!(s.state().live.splits.len() > 100 && s.pieces() > 1);
+    }
+}
+
+/// Beside pre-computed tissue, which stays, all dynamic tissue goes: what hangs by a connection node belongs to the
+/// same piece.
+#[test]
+fn pieces_are_right_beside_precomputed_tissue() {
+    for rule in ["remove", "duplicate"] {
+        let scene = |cuts: &str| {
+            let settings = format!(
+                r#""cutting": {{"rule": "{rule}"}}, "model": {{"kind": "hybrid", "dynamic":
+                {{"halfSpace": {{"point": [0.05, 0, 0], "normal": [1, 0, 0]}}}}}}{cuts}, "tools""#
+            );
+            common::BAR.replace("\"tools\"", &settings)
+        };
+        let whole = common::model(&scene(""));
+        let dynamic: Vec<usize> = (0..whole.shape.len())
+            .filter(|t| whole.parts.dynamic[*t])
+            .collect();
+        let cuts = scattered_cuts(&dynamic, dynamic.len(), 1e-3);
+        let mut s = common::simulation(&scene(&format!(r#", "cuts": [{cuts}]"#)));
+        for k in 0..dynamic.len() + 5 {
+            s.step(1e-3).unwrap();
+            let (model, live) = (s.model(), &s.state().live);
+            assert!(live.pieces == live.whole_pieces(model), "{rule} {k}");
+        }
+        assert_eq!(s.state().live.removed.len(), dynamic.len());
+    }
+}
+
+/// The same tetrahedra may go at once, or one after the other with splits in between: a copy of the one history is
+/// not brought up to date by what the other has on top.
+#[test]
+fn copies_of_another_history_are_replaced() {
+    use tissue::{cut, loose};
+    let rule = r#""cutting": {"rule": "duplicate"}, "tools""#;
+    let model = common::model(&common::BAR.replace("\"tools\"", rule));
+    let mut cutting = cut::Scratch::new(&model);
+    let mut pieces = loose::Scratch::new(&model);
+    let mut event = |state: &mut State, chosen: &[u32]| {
+        cut::event(&model, state, &mut cutting, &mut pieces, chosen);
+    };
+    let count = model.shape.len();
+    let mut found = 0;
+    for seed in 0..40 {
+        let mut one = State::new(&model);
+        let mut next = (0..40).map(|k| ((seed + k) * 337 * (seed + 1) % count) as u32);
+        while one.live.splits.is_empty() {
+            let Some(t) = next.next() else { break };
+            event(&mut one, &[t]);
+        }
+        let [_, _, 1, alone, ..] = one.live.splits[..] else {
+            continue;
+        };
+        event(&mut one, &[alone]);
+        // The last two at once: then there is nothing to split.
+        let mut other = State::new(&model);
+        let (first, last) = one.live.removed.split_at(one.live.removed.len() - 2);
+        first.iter().for_each(|t| event(&mut other, &[*t]));
+        event(&mut other, last);
+        if other.live.removed == one.live.removed && other.live.splits.is_empty() {
+            found += 1;
+            other.copy_from(&model, &one);
+            assert!(other == one);
+        }
+    }
+    assert!(found > 5, "{found}");
+}
+
+/// Bytes that are whole but tell of what cannot have been are refused.
+#[test]
+fn impossible_histories_are_refused() {
+    let rule = r#""cutting": {"rule": "duplicate"}, "tools""#;
+    let s = common::simulation(&common::BAR.replace("\"tools\"", rule));
+    let (model, whole) = (s.model().clone(), s.save());
+    let tetrahedron = model.mesh.tetrahedra[7];
+    let star: Vec<u32> = model.topology.star(tetrahedron[0] as usize).to_vec();
+    let own = |node: u32| [vec![0, node, 1], vec![7]].concat();
+    let cases: [(&str, Vec<u32>, Vec<u32>); 8] = [
+        ("twice removed", vec![3, 3], vec![]),
+        ("no corner", vec![], own(model.mesh.tetrahedra[200][0])),
+        ("spare", vec![], own(0)),
+        ("twice moved", vec![], vec![0, tetrahedron[0], 2, 7, 7]),
+        ("dead", vec![7], vec![1, tetrahedron[0], 1, 7]),
+        ("none", vec![], vec![0, tetrahedron[0], 0]),
+        ("too late", vec![], vec![1, tetrahedron[0], 1, 7]),
+        (
+            "too often",
+            vec![],
+            star.iter()
+                .cycle()
+                .take(3000)
+                .flat_map(|t| vec![0, tetrahedron[0], 1, *t])
+                .collect(),
+        ),
+    ];
+    for (name, removed, splits) in cases {
+        let mut state = whole.clone();
+        (state.live.removed, state.live.splits) = (removed, splits);
+        let bytes = s.serialise(&state);
+        assert!(s.deserialise(&bytes).is_err(), "{name}");
+    }
+    let mut state = whole.clone();
+    state.live.splits = own(tetrahedron[0]);
+    assert!(s.deserialise(&s.serialise(&state)).is_ok());
+}
