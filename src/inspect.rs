@@ -90,7 +90,7 @@ pub fn inspect(model: &Model) -> Inspection {
         model.boundary.loads.iter().map(|l| l.node).collect();
     Inspection {
         name: model.scene.name.clone(),
-        vertices: model.mesh.nodes.len(),
+        vertices: model.mesh.nodes.len() - model.parts.spares,
         edges: Pattern::new(model.mesh.nodes.len(), &model.mesh.tetrahedra).edges(),
         tetrahedra: model.mesh.tetrahedra.len(),
         surface_triangles: model.whole.surface.len(),
@@ -179,10 +179,11 @@ pub fn warnings(model: &Model) -> Vec<String> {
         );
     }
     if model.rigid_modes > 0 {
-        let turning = if springs {
+        // All other pieces move in frames of their own.
+        let turning = if springs || !model.parts.has_precomputed() {
             ""
         } else {
-            ", and the linear law swells it when it turns"
+            ", and where some of it is pre-computed the linear law swells it when it turns"
         };
         warnings.push(format!(
             "{} rigid motions are not held: tissue that nothing fixes falls{turning}",

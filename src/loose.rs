@@ -345,8 +345,7 @@ impl Scratch {
                 let left = if axes_held(k) < 3 {
                     v - frame.velocity - frame.spin.cross(&at)
                 } else {
-                    let by = state.held.iter().find(|h| h.node as usize == i);
-                    let end = rest + by.map_or(Vec3::zeros(), |h| h.target);
+                    let end = rest + led(state, i as u32).0;
                     let seen =
                         flight.turn.inverse() * (end - flight.now - flight.velocity * seconds);
                     (seen - at) / seconds
@@ -385,8 +384,7 @@ impl Scratch {
             if flight.is_held {
                 for node in own {
                     let i = *node as usize;
-                    let by = state.held.iter().find(|h| h.node == *node);
-                    let (u, v) = by.map_or_else(Default::default, |h| (h.target, h.velocity));
+                    let (u, v) = led(state, *node);
                     for axis in (0..3).filter(|a| state.inverse_mass[i].0[*a] == 0.0) {
                         state.displacement[i].0[axis] = u[axis];
                         state.velocity[i].0[axis] = v[axis];
@@ -567,6 +565,19 @@ impl Scratch {
         }
         sum
     }
+}
+
+/// Where a node is led by all that holds it, each along its own axes, and how fast: nowhere along the axes that are
+/// fixed.
+fn led(state: &State, node: u32) -> (Vec3, Vec3) {
+    let (mut u, mut v) = (Vec3::zeros(), Vec3::zeros());
+    for held in state.held.iter().filter(|h| h.node == node) {
+        for axis in (0..3).filter(|a| held.axes[*a]) {
+            u[axis] = held.target[axis];
+            v[axis] = held.velocity[axis];
+        }
+    }
+    (u, v)
 }
 
 /// What a piece that is loose now has in the account as long as it has no frame \[J\].

@@ -87,8 +87,13 @@ pub fn solve(model: &Model, after_cuts: bool) -> Result<Reference, ReferenceErro
     let mut reaction = BTreeMap::new();
     for (scene_node, node) in model.node.iter().enumerate() {
         let i = *node as usize;
-        if live.star_count[i] > 0 && model.boundary.free[i] != [true; 3] {
-            let force = tensors.row_product(&pattern, i, &lanes) - external[i];
+        // With what has been split from it.
+        let spares = (0..live.origin.len()).filter(|k| live.origin[*k] == *node);
+        let rows = spares.chain([i]).filter(|k| live.star_count[*k] > 0);
+        if rows.clone().next().is_some() && model.boundary.free[i] != [true; 3] {
+            let force: Vec3 = rows
+                .map(|k| tensors.row_product(&pattern, k, &lanes) - external[k])
+                .sum();
             let held = Vec3::from_fn(|a, _| {
                 if model.boundary.free[i][a] {
                     0.0
