@@ -302,6 +302,19 @@ impl Pieces {
         }
     }
 
+    /// A node goes that does not name its piece. Whether that was listed.
+    fn leave(&mut self, node: u32, label: u32) -> bool {
+        let Some((at, piece)) = self.loose_piece(label) else {
+            return false;
+        };
+        let Ok(place) = self.nodes[piece.clone()].binary_search(&node) else {
+            return false;
+        };
+        self.nodes.remove(piece.start + place);
+        self.ends[at..].iter_mut().for_each(|end| *end -= 1);
+        true
+    }
+
     /// Room for any division.
     pub(crate) fn reserve(&mut self) {
         self.nodes.reserve(self.label.len());
@@ -393,20 +406,31 @@ impl Pieces {
                 }
             }
         }
-        for v in 0..model.parts.moving {
-            if self.label[v] != NONE && self.is_loose[self.label[v] as usize] {
-                self.nodes.push(v as u32);
-            }
-        }
+        // How many each has, where it starts, and as nodes take their places where it ends.
         let label = &self.label;
-        self.nodes
-            .sort_unstable_by_key(|v| (label[*v as usize], *v));
-        for (k, v) in self.nodes.iter().enumerate() {
-            let next = self.nodes.get(k + 1);
-            if next.is_none_or(|next| label[*next as usize] != label[*v as usize]) {
-                self.ends.push(k as u32 + 1);
+        let is_loose = |v: &usize| label[*v] != NONE && self.is_loose[label[*v] as usize];
+        self.ends.resize(label.len(), 0);
+        for v in (0..model.parts.moving).filter(is_loose) {
+            self.ends[label[v] as usize] += 1;
+        }
+        let mut from = 0;
+        for end in &mut self.ends {
+            from += std::mem::replace(end, from);
+        }
+        self.nodes.resize(from as usize, 0);
+        for v in (0..model.parts.moving).filter(is_loose) {
+            let end = &mut self.ends[label[v] as usize];
+            self.nodes[*end as usize] = v as u32;
+            *end += 1;
+        }
+        let mut pieces = 0;
+        for v in 0..model.parts.moving {
+            if label[v] == v as u32 && self.is_loose[v] {
+                self.ends[pieces] = self.ends[v];
+                pieces += 1;
             }
         }
+        self.ends.truncate(pieces);
     }
 
     /// Nodes of loose pieces.
@@ -470,9 +494,9 @@ impl Pieces {
             if tissue.star_count[v as usize] > 0 || label == NONE {
                 continue;
             }
-            self.label[v as usize] = NONE;
             let was_loose = self.is_loose[label as usize];
-            lists |= was_loose;
+            lists |= was_loose && (lists || label == v || !self.leave(v, label));
+            self.label[v as usize] = NONE;
             let mut name = label;
             if label == v {
                 name = self.rename(v);
