@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 
 use crate::mesh::Vec3;
-use crate::mesh::topology::NONE;
+use crate::mesh::topology::{EDGES, NONE};
 use crate::model::spring_mass::{self, Springs};
 use crate::model::stiffness::Stiffness;
 use crate::model::sweep::{Advance, Motion, Sums, sweep};
@@ -51,13 +51,11 @@ pub struct LiveMesh {
     pub surface: Vec<u32>,
     pub pieces: Pieces,
     /// Corners of tetrahedra that have changed: what is summed of them is old. Empty but during a cut.
-    dirty: Vec<[u32; 4]>,
-    /// Scratch, left empty, as what is the same shall compare so: nodes round a vertex that splits; other ends of a node's dirty edges and what is summed for each; a
-    /// node each, its place among those ends, or [`NONE`].
+    dirty: Vec<(u32, [u32; 4])>,
+    /// Scratch, left empty, as what is the same shall compare so: nodes to look at; edges to sum again, by their ends
+    /// and what they are in the topology.
     around: Vec<u32>,
-    ends: Vec<u32>,
-    blocks: Vec<Matrix3<f64>>,
-    slot: Vec<u32>,
+    edges: Vec<([u32; 2], u32)>,
     /// Place of each face in `surface`, or [`NONE`].
     surface_slot: Vec<u32>,
 }
@@ -77,7 +75,6 @@ impl LiveMesh {
         let mut live = LiveMesh {
             tetrahedra: model.mesh.tetrahedra.clone(),
             rest: model.mesh.nodes.clone(),
-            slot: vec![NONE; nodes],
             origin: vec![NONE; spares],
             pattern: (spares > 0).then(|| Box::new(model.pattern.clone())),
             alive: vec![true; model.mesh.tetrahedra.len()],
@@ -90,14 +87,17 @@ impl LiveMesh {
             ..LiveMesh::default()
         };
         for (t, tetrahedron) in model.mesh.tetrahedra.iter().enumerate() {
-            let material = model.material(t);
-            let shape = &model.shape[t];
             if model.parts.dynamic[t] {
                 live.accumulate(model, t);
             }
             for node in tetrahedron {
                 live.star_count[*node as usize] += 1;
-                live.weight[*node as usize] += material.density * shape.volume / 4.0;
+                live.weight[*node as usize] += model.quarter[t];
+            }
+        }
+        if live.springs.is_none() {
+            for node in 0..model.pattern.nodes() {
+                live.tensors.close(&model.pattern, node);
             }
         }
         match model.scene.integration.mass {
@@ -148,8 +148,9 @@ impl LiveMesh {
     /// Live tetrahedra round a node in use, ascending.
     pub fn star<'a>(&'a self, model: &'a Model, node: u32) -> impl Iterator<Item = u32> + 'a {
         let star = model.topology.star(self.origin(node) as usize).iter();
+        let is_split = self.origin.len() > self.pattern(model).first;
         star.copied().filter(move |t| {
-            self.alive[*t as usize] && self.tetrahedra[*t as usize].contains(&node)
+            self.alive[*t as usize] && (!is_split || self.tetrahedra[*t as usize].contains(&node))
         })
     }
 
@@ -213,9 +214,9 @@ impl LiveMesh {
         self.revision += 1;
         let shape = &model.shape[index];
         self.removed_volume += shape.volume;
-        let share = model.material(index).density * shape.volume / 4.0;
+        let share = model.quarter[index];
         let nodes = self.tetrahedra[index];
-        self.dirty.push(nodes);
+        self.dirty.push((t, nodes));
         for node in &nodes {
             let n = *node as usize;
             let [weight_goes, mass_goes] = goes(model, n);
@@ -271,15 +272,15 @@ impl LiveMesh {
         self.revision += 1;
         let mut share = 0.0;
         for t in moved {
-            let t = *t as usize;
-            share += model.material(t).density * model.shape[t].volume / 4.0;
-            self.dirty.push(self.tetrahedra[t]);
-            for corner in &mut self.tetrahedra[t] {
+            let index = *t as usize;
+            share += model.quarter[index];
+            self.dirty.push((*t, self.tetrahedra[index]));
+            for corner in &mut self.tetrahedra[index] {
                 if *corner == node {
                     *corner = new;
                 }
             }
-            self.dirty.push(self.tetrahedra[t]);
+            self.dirty.push((*t, self.tetrahedra[index]));
         }
         self.star_count[n] = moved.len() as u32;
         self.star_count[from] -= moved.len() as u32;
@@ -296,86 +297,78 @@ impl LiveMesh {
     /// and edge tensors or springs, masses. In the order of a fresh assembly, so that it equals one to the
     /// bit, and exactly zero where nothing is left.
     pub(crate) fn settle(&mut self, model: &Model) {
+        let mut edges = std::mem::take(&mut self.edges);
         let mut nodes = std::mem::take(&mut self.around);
-        nodes.clear();
-        nodes.extend(self.dirty.iter().flatten());
+        for (t, corners) in &self.dirty {
+            let own = model.topology.tetrahedron_edges[*t as usize];
+            for ([a, b, ..], edge) in EDGES.iter().zip(own) {
+                let (a, b) = (corners[*a], corners[*b]);
+                edges.push(([a.min(b), a.max(b)], edge));
+            }
+            nodes.extend(corners);
+        }
+        edges.sort_unstable();
+        edges.dedup();
         nodes.sort_unstable();
         nodes.dedup();
-        for node in &nodes {
-            self.sum_again(model, *node);
+        for (ends, edge) in &edges {
+            self.sum_edge(model, *ends, *edge);
         }
-        self.around = nodes;
-        self.around.clear();
+        for node in &nodes {
+            self.sum_node(model, *node as usize);
+        }
+        edges.clear();
+        nodes.clear();
         self.dirty.clear();
+        (self.edges, self.around) = (edges, nodes);
     }
 
-    /// Tensors of a node and of its dirty edges to higher nodes, or their springs; its mass.
-    fn sum_again(&mut self, model: &Model, node: u32) {
-        let n = node as usize;
-        self.ends.clear();
-        for corners in &self.dirty {
-            if corners.contains(&node) {
-                for end in corners.iter().filter(|end| **end >= node) {
-                    if self.slot[*end as usize] == NONE {
-                        self.slot[*end as usize] = self.ends.len() as u32;
-                        self.ends.push(*end);
-                    }
-                }
-            }
-        }
-        self.blocks.clear();
-        self.blocks.resize(self.ends.len(), Matrix3::zeros());
-        let mut weight = 0.0;
-        for other in model.topology.star(self.origin(node) as usize) {
-            let other = *other as usize;
-            let corners = &self.tetrahedra[other];
-            if !self.alive[other] {
+    /// The tensor or the spring of an edge, from its lower to its higher node.
+    fn sum_edge(&mut self, model: &Model, ends: [u32; 2], edge: u32) {
+        let mut block = Matrix3::zeros();
+        let mut spring = 0.0;
+        for t in model.topology.edge_star(edge) {
+            let t = *t as usize;
+            if !self.alive[t] || !model.parts.dynamic[t] {
                 continue;
             }
-            let Some(own) = corners.iter().position(|c| *c == node) else {
+            let [a, b] = ends.map(|end| self.tetrahedra[t].iter().position(|c| *c == end));
+            // Of what an edge was before it split, only its own.
+            let (Some(a), Some(b)) = (a, b) else {
                 continue;
             };
-            let (shape, material) = (&model.shape[other], model.material(other));
-            weight += material.density * shape.volume / 4.0;
-            if !model.parts.dynamic[other] {
-                continue;
-            }
-            for (end, corner) in corners.iter().enumerate() {
-                let slot = self.slot[*corner as usize];
-                if slot == NONE {
-                    continue;
-                }
-                let block = &mut self.blocks[slot as usize];
-                if self.springs.is_some() {
-                    if end != own {
-                        let edge = self.rest[*corner as usize] - self.rest[n];
-                        block[(0, 0)] += spring_mass::share(&material.law, shape.volume, &edge);
-                    }
-                    continue;
-                }
-                *block += material.law.stiffness_block(
-                    shape.volume,
-                    &shape.gradient[own],
-                    &shape.gradient[end],
-                );
+            let (shape, law) = (&model.shape[t], &model.material(t).law);
+            if self.springs.is_some() {
+                let edge = self.rest[ends[1] as usize] - self.rest[ends[0] as usize];
+                spring += spring_mass::share(law, shape.volume, &edge);
+            } else {
+                block += law.stiffness_block(shape.volume, &shape.gradient[a], &shape.gradient[b]);
             }
         }
         let pattern = self.pattern.as_deref().unwrap_or(&model.pattern);
-        for (end, block) in self.ends.iter().zip(&self.blocks) {
-            self.slot[*end as usize] = NONE;
-            match &mut self.springs {
-                Some(springs) => springs.set(pattern, node, *end, block[(0, 0)]),
-                None => self.tensors.set(pattern, node, *end, block),
-            }
+        match &mut self.springs {
+            Some(springs) => springs.set(pattern, ends[0], ends[1], spring),
+            None => self.tensors.set(pattern, ends[0], ends[1], &block),
         }
-        self.ends.clear();
-        self.blocks.clear();
-        let [weight_goes, mass_goes] = goes(model, n);
-        if weight_goes {
-            self.weight[n] = weight;
+    }
+
+    /// The tensor of a node, of those of its edges; its mass.
+    fn sum_node(&mut self, model: &Model, node: usize) {
+        if self.springs.is_none() {
+            let pattern = self.pattern.as_deref().unwrap_or(&model.pattern);
+            self.tensors.close(pattern, node);
         }
+        let [weight_goes, mass_goes] = goes(model, node);
+        if !weight_goes {
+            return;
+        }
+        let mut weight = 0.0;
+        for t in self.star(model, node as u32) {
+            weight += model.quarter[t as usize];
+        }
+        self.weight[node] = weight;
         if mass_goes {
-            self.mass[n] = weight;
+            self.mass[node] = weight;
         }
     }
 
@@ -498,10 +491,8 @@ impl LiveMesh {
             pattern.reserve();
             self.splits.reserve(4 * model.mesh.tetrahedra.len());
         }
-        let nodes = model.mesh.nodes.len();
         self.around.reserve(12 * model.mesh.tetrahedra.len());
-        self.ends.reserve(nodes);
-        self.blocks.reserve(nodes);
+        self.edges.reserve(18 * model.mesh.tetrahedra.len());
         self.dirty.reserve(3 * model.mesh.tetrahedra.len());
         self.surface.reserve(model.topology.faces.len());
     }

@@ -16,18 +16,8 @@
 //! those has a dynamic tetrahedron (the two parts share but vertices), the largest dynamic one, too.
 
 use crate::live::LiveMesh;
-use crate::mesh::topology::NONE;
+use crate::mesh::topology::{EDGES, NONE};
 use crate::model::Model;
-
-/// Edges of a tetrahedron, and the two corners that are not on each.
-const EDGES: [[usize; 4]; 6] = [
-    [0, 1, 2, 3],
-    [0, 2, 1, 3],
-    [0, 3, 1, 2],
-    [1, 2, 0, 3],
-    [1, 3, 0, 2],
-    [2, 3, 0, 1],
-];
 
 /// Volumes closer to each other than this, relatively, are equal: on regular meshes round-off shall not decide.
 const TIE: f64 = 1e-9;

@@ -22,9 +22,23 @@ pub struct Topology {
     pub tetrahedron_faces: Vec<[u32; 4]>,
     /// Tetrahedra behind those faces, or [`NONE`].
     pub neighbour: Vec<[u32; 4]>,
+    /// Edges of each tetrahedron, in the order of [`EDGES`].
+    pub tetrahedron_edges: Vec<[u32; 6]>,
     star_start: Vec<u32>,
     star: Vec<u32>,
+    edge_start: Vec<u32>,
+    edge_star: Vec<u32>,
 }
+
+/// Ends of each edge of a tetrahedron, and the two corners that are not on it.
+pub const EDGES: [[usize; 4]; 6] = [
+    [0, 1, 2, 3],
+    [0, 2, 1, 3],
+    [0, 3, 1, 2],
+    [1, 2, 0, 3],
+    [1, 3, 0, 2],
+    [2, 3, 0, 1],
+];
 
 /// Vertices of the face opposite vertex j, outward.
 const OPPOSITE: [[usize; 3]; 4] = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]];
@@ -88,13 +102,39 @@ impl Topology {
                 next[*node as usize] += 1;
             }
         }
+        let mut ends: Vec<([u32; 2], u32, u8)> = Vec::with_capacity(6 * mesh.tetrahedra.len());
+        for (t, nodes) in mesh.tetrahedra.iter().enumerate() {
+            for (k, [a, b, ..]) in EDGES.iter().enumerate() {
+                let (a, b) = (nodes[*a], nodes[*b]);
+                ends.push(([a.min(b), a.max(b)], t as u32, k as u8));
+            }
+        }
+        ends.sort_unstable();
+        let mut tetrahedron_edges = vec![[0; 6]; mesh.tetrahedra.len()];
+        let mut edge_start = Vec::new();
+        for (at, (key, t, k)) in ends.iter().enumerate() {
+            if at == 0 || ends[at - 1].0 != *key {
+                edge_start.push(at as u32);
+            }
+            tetrahedron_edges[*t as usize][*k as usize] = edge_start.len() as u32 - 1;
+        }
+        edge_start.push(ends.len() as u32);
         Topology {
             faces,
             tetrahedron_faces,
             neighbour: partner,
+            tetrahedron_edges,
             star_start,
             star,
+            edge_start,
+            edge_star: ends.into_iter().map(|(_, t, _)| t).collect(),
         }
+    }
+
+    /// Tetrahedra round an edge, ascending.
+    pub fn edge_star(&self, edge: u32) -> &[u32] {
+        let (start, end) = (edge as usize, edge as usize + 1);
+        &self.edge_star[self.edge_start[start] as usize..self.edge_start[end] as usize]
     }
 
     /// Tetrahedra round a vertex, ascending.

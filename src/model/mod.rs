@@ -110,6 +110,8 @@ pub struct Model {
     pub pattern: Pattern,
     /// A tetrahedron each.
     pub shape: Vec<Shape>,
+    /// rho V / 4 of a tetrahedron each: what it adds to the mass of its nodes \[kg\].
+    pub quarter: Vec<f64>,
     material_of: Vec<u32>,
     materials: Vec<MaterialLaw>,
     pub boundary: Boundary,
@@ -211,6 +213,9 @@ impl Model {
             .iter()
             .map(|t| Shape::new(t.map(|v| mesh.nodes[v as usize])))
             .collect();
+        let quarter = (shape.iter().zip(&material_of))
+            .map(|(shape, m)| materials[*m as usize].density * shape.volume / 4.0)
+            .collect();
         let lengths = || {
             let edges = (mesh.tetrahedra.iter()).flat_map(|t| EDGES.map(|(a, b)| (t[a], t[b])));
             edges.map(|(a, b)| (mesh.nodes[a as usize] - mesh.nodes[b as usize]).norm())
@@ -225,6 +230,7 @@ impl Model {
             topology,
             pattern,
             shape,
+            quarter,
             material_of,
             materials,
             boundary,

@@ -358,8 +358,7 @@ pub fn compute(
         if !model.parts.dynamic[t] {
             tetrahedra.push(*tetrahedron);
             for node in tetrahedron {
-                inside_mass[*node as usize] +=
-                    model.material(t).density * model.shape[t].volume / 4.0;
+                inside_mass[*node as usize] += model.quarter[t];
             }
         }
     }

@@ -231,6 +231,27 @@ impl Tensors {
         }
     }
 
+    /// K_ii = - sum_j K_ij, in the order of the pattern: a translation strains nothing.
+    pub(crate) fn close(&mut self, pattern: &Pattern, i: usize) {
+        let row = pattern.row(i);
+        let mut sum = [0.0; 9];
+        for (_, place) in pattern.lower(i) {
+            let block = &self.0[9 * place as usize..9 * place as usize + 9];
+            for k in 0..9 {
+                sum[k] -= block[3 * (k % 3) + k / 3];
+            }
+        }
+        for place in row.start + 1..row.end {
+            let block = &self.0[9 * place..9 * place + 9];
+            for k in 0..9 {
+                sum[k] -= block[k];
+            }
+        }
+        if !row.is_empty() {
+            self.0[9 * row.start..9 * row.start + 9].copy_from_slice(&sum);
+        }
+    }
+
     fn at(&self, place: usize) -> Matrix3<f64> {
         Matrix3::from_row_slice(&self.0[9 * place..9 * place + 9])
     }
