@@ -15,6 +15,7 @@ pub mod element;
 pub mod energy;
 pub mod inspect;
 mod integrate;
+mod lanes;
 pub mod law;
 pub mod live;
 pub mod loose;

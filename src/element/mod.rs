@@ -1,3 +1,4 @@
 //! Elements: how vertices make a deformation gradient.
 
 pub mod constant_strain;
+pub mod tetrahedra;

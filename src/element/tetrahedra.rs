@@ -1,0 +1,298 @@
+//! Constant-strain tetrahedra with a law that is right under rotation, four at a time.
+//!
+//! F = I + sum_j (u_j - u_0) a_j^T,  dW/du_j = V P a_j,  dW/du_0 = - sum_j dW/du_j  (j = 1, 2, 3)
+//!
+//! so that forces balance to round-off, and a translation gives none at all. (Picinbono, Delingette, Ayache 2003, section 3; form (a) of
+//! equation 13, not gathered on vertices and edges.)
+
+use nalgebra::Matrix3;
+
+use super::constant_strain::Shape;
+use crate::lanes::{self, Four, Plain, Square, load3, product, sub3};
+use crate::law::linear::Hooke;
+use crate::law::response::{Law, Point, Response};
+use crate::law::st_venant_kirchhoff::StVenantKirchhoff;
+use crate::law::stable_neo_hookean::StableNeoHookean;
+use crate::mesh::Vec3;
+use crate::mesh::topology::NONE;
+use crate::model::tensor_mass::Lane;
+
+/// Four tetrahedra side by side. A place that holds none, or a dead one, has neither gradients nor stiffness.
+#[derive(Clone, Debug, PartialEq)]
+#[repr(C, align(32))]
+struct Group {
+    /// a_1, a_2, a_3 \[1/m\], an axis each.
+    gradient: [[[f64; 4]; 3]; 3],
+    /// Of [`Response::parameters`], times V \[J\].
+    parameters: [[f64; 4]; 2],
+    /// A corner each.
+    node: [[u32; 4]; 4],
+}
+
+#[derive(Clone, Debug, PartialEq)]
+#[repr(C, align(32))]
+struct Fibres {
+    direction: [[f64; 4]; 3],
+    /// kappa V \[J\]
+    kappa: [f64; 4],
+}
+
+/// Live tetrahedra, each lane in the order of their lowest node.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tetrahedra {
+    pub law: Law,
+    group: Vec<Group>,
+    /// One a group, or none at all.
+    fibre: Vec<Fibres>,
+    /// Of each tetrahedron of the mesh, four times its group and its lane; or [`NONE`].
+    place: Vec<u32>,
+}
+
+/// How far tissue is deformed, over all its tetrahedra.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extent {
+    /// Largest F:F - 3.
+    pub trace: f64,
+    /// Smallest and largest det F.
+    pub least: f64,
+    pub most: f64,
+}
+
+impl Default for Extent {
+    /// At rest.
+    fn default() -> Extent {
+        Extent {
+            trace: 0.0,
+            least: 1.0,
+            most: 1.0,
+        }
+    }
+}
+
+impl Tetrahedra {
+    /// Of those tetrahedra of a mesh that `of` gives shape and material of.
+    pub fn new<'a>(
+        law: Law,
+        tetrahedra: &[[u32; 4]],
+        of: impl Fn(usize) -> Option<(&'a Shape, &'a Hooke)>,
+    ) -> Tetrahedra {
+        let mut order: Vec<u32> = (0..tetrahedra.len() as u32)
+            .filter(|t| of(*t as usize).is_some())
+            .collect();
+        order.sort_by_key(|t| tetrahedra[*t as usize].iter().min().copied());
+        let has_fibre = |t: &u32| of(*t as usize).is_some_and(|(_, law)| law.fibre.is_some());
+        let fibres = order.iter().any(has_fibre);
+        let mut place = vec![NONE; tetrahedra.len()];
+        let (mut group, mut fibre) = (Vec::new(), Vec::new());
+        // Each lane goes through a quarter of its own: neighbours, which add to the same nodes, are not in one group,
+        // where they would wait for each other.
+        let quarter = order.len().div_ceil(4);
+        for k in 0..quarter {
+            let four: [Option<&u32>; 4] = std::array::from_fn(|lane| order.get(lane * quarter + k));
+            for (lane, t) in four.iter().enumerate() {
+                if let Some(t) = t {
+                    place[**t as usize] = (4 * k + lane) as u32;
+                }
+            }
+            // Places past the end have another's nodes.
+            let each = |lane: usize| match four[lane] {
+                Some(t) => (tetrahedra[*t as usize], of(*t as usize)),
+                None => (tetrahedra[order[k] as usize], None),
+            };
+            let mut own = Group {
+                gradient: Default::default(),
+                parameters: Default::default(),
+                node: Default::default(),
+            };
+            let mut threads = Fibres {
+                direction: Default::default(),
+                kappa: Default::default(),
+            };
+            for lane in 0..4 {
+                let (nodes, tissue) = each(lane);
+                for (corner, node) in nodes.iter().enumerate() {
+                    own.node[corner][lane] = *node;
+                }
+                let Some((shape, material)) = tissue else {
+                    continue;
+                };
+                for (to, a) in own.gradient.iter_mut().zip(&shape.gradient[1..]) {
+                    for axis in 0..3 {
+                        to[axis][lane] = a[axis];
+                    }
+                }
+                let parameters = parameters(law, material);
+                for (to, p) in own.parameters.iter_mut().zip(parameters) {
+                    to[lane] = shape.volume * p;
+                }
+                if let Some(fibre) = &material.fibre {
+                    for axis in 0..3 {
+                        threads.direction[axis][lane] = fibre.direction[axis];
+                    }
+                    threads.kappa[lane] = shape.volume * fibre.kappa;
+                }
+            }
+            group.push(own);
+            if fibres {
+                fibre.push(threads);
+            }
+        }
+        Tetrahedra {
+            law,
+            group,
+            fibre,
+            place,
+        }
+    }
+
+    /// Takes a dead tetrahedron out.
+    pub(crate) fn remove(&mut self, t: usize) {
+        let Some((group, lane)) = self.find(t) else {
+            return;
+        };
+        for row in self.group[group].gradient.as_flattened_mut() {
+            row[lane] = 0.0;
+        }
+        for row in &mut self.group[group].parameters {
+            row[lane] = 0.0;
+        }
+        if let Some(fibre) = self.fibre.get_mut(group) {
+            fibre.kappa[lane] = 0.0;
+        }
+    }
+
+    /// Gives a tetrahedron other nodes.
+    pub(crate) fn rename(&mut self, t: usize, nodes: &[u32; 4]) {
+        if let Some((group, lane)) = self.find(t) {
+            for (to, node) in self.group[group].node.iter_mut().zip(nodes) {
+                to[lane] = *node;
+            }
+        }
+    }
+
+    fn find(&self, t: usize) -> Option<(usize, usize)> {
+        let place = self.place[t] as usize;
+        (self.place[t] != NONE).then_some((place / 4, place % 4))
+    }
+
+    /// Adds dW/du \[N\] at displacements u to what there is. Returns W \[J\] and how far it is deformed.
+    pub fn add_forces(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
+        assert!(u.len() == to.len());
+        #[cfg(target_arch = "x86_64")]
+        if lanes::has_avx2() {
+            // SAFETY: it is there; nodes are below the number of moving nodes, and so of `u`, by construction.
+            return unsafe { self.avx2(u, to) };
+        }
+        self.add_forces_plain(u, to)
+    }
+
+    /// The same in plain code, for machines without AVX2 and as the fast form's oracle.
+    pub fn add_forces_plain(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
+        // SAFETY: plain code has no needs.
+        unsafe { self.dispatch::<Plain>(u, to) }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma")]
+    unsafe fn avx2(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
+        // SAFETY: the caller's.
+        unsafe { self.dispatch::<lanes::Avx2>(u, to) }
+    }
+
+    #[inline(always)]
+    unsafe fn dispatch<V: Four>(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
+        // SAFETY: the caller's.
+        unsafe {
+            match (self.law, self.fibre.is_empty()) {
+                (Law::StVenantKirchhoff, true) => self.kernel::<V, StVenantKirchhoff, false>(u, to),
+                (Law::StVenantKirchhoff, false) => self.kernel::<V, StVenantKirchhoff, true>(u, to),
+                (Law::StableNeoHookean, true) => self.kernel::<V, StableNeoHookean, false>(u, to),
+                (Law::StableNeoHookean, false) => self.kernel::<V, StableNeoHookean, true>(u, to),
+            }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn kernel<V: Four, R: Response, const FIBRE: bool>(
+        &self,
+        u: &[Lane],
+        to: &mut [Lane],
+    ) -> (f64, Extent) {
+        // SAFETY: the caller's.
+        unsafe {
+            let mut sum = V::splat(0.0);
+            let (mut trace, mut least, mut most) = (V::splat(0.0), V::splat(1.0), V::splat(1.0));
+            for (k, group) in self.group.iter().enumerate() {
+                let first = V::gather(u, group.node[0]);
+                let d = [
+                    sub3(V::gather(u, group.node[1]), first),
+                    sub3(V::gather(u, group.node[2]), first),
+                    sub3(V::gather(u, group.node[3]), first),
+                ];
+                let a: Square<V> = [
+                    load3(&group.gradient[0]),
+                    load3(&group.gradient[1]),
+                    load3(&group.gradient[2]),
+                ];
+                let mut g = a;
+                for k in 0..3 {
+                    let (x, y, z) = (d[0][k], d[1][k], d[2][k]);
+                    g[k][0] = x.mul_add(a[0][0], y.mul_add(a[1][0], z.mul(a[2][0])));
+                    g[k][1] = x.mul_add(a[0][1], y.mul_add(a[1][1], z.mul(a[2][1])));
+                    g[k][2] = x.mul_add(a[0][2], y.mul_add(a[1][2], z.mul(a[2][2])));
+                }
+                let point = Point::new(g);
+                let parameters = [V::load(&group.parameters[0]), V::load(&group.parameters[1])];
+                let (mut stress, mut energy) = R::respond(&point, parameters);
+                if FIBRE {
+                    let fibre = self.fibre.get_unchecked(k);
+                    let a0 = load3(&fibre.direction);
+                    point.add_fibre(a0, V::load(&fibre.kappa), &mut stress, &mut energy);
+                }
+                sum = sum.add(energy);
+                trace = trace.max(point.trace);
+                least = least.min(point.volume_ratio);
+                most = most.max(point.volume_ratio);
+                let force = [
+                    product(&stress, a[0]),
+                    product(&stress, a[1]),
+                    product(&stress, a[2]),
+                ];
+                let zero = [V::splat(0.0); 3];
+                let first = sub3(sub3(sub3(zero, force[0]), force[1]), force[2]);
+                V::scatter(first, to, group.node[0]);
+                V::scatter(force[0], to, group.node[1]);
+                V::scatter(force[1], to, group.node[2]);
+                V::scatter(force[2], to, group.node[3]);
+            }
+            let [a, b, c, d] = sum.store();
+            let extent = Extent {
+                trace: trace.store().into_iter().fold(0.0, f64::max),
+                least: least.store().into_iter().fold(1.0, f64::min),
+                most: most.store().into_iter().fold(1.0, f64::max),
+            };
+            ((a + b) + (c + d), extent)
+        }
+    }
+
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.group[..]) + size_of_val(&self.fibre[..]) + size_of_val(&self.place[..])
+    }
+}
+
+fn parameters(law: Law, material: &Hooke) -> [f64; 2] {
+    match law {
+        Law::StVenantKirchhoff => StVenantKirchhoff::parameters(material),
+        Law::StableNeoHookean => StableNeoHookean::parameters(material),
+    }
+}
+
+/// dW/du \[N\] of the four vertices and W \[J\] of one tetrahedron, without lanes.
+pub fn force(law: Law, material: &Hooke, shape: &Shape, u: &[Vec3; 4]) -> ([Vec3; 4], f64) {
+    let from_first = u.map(|u_j| u_j - u[0]);
+    let f: Matrix3<f64> = shape.deformation_gradient(&from_first);
+    let stress = law.stress(material, &f) * shape.volume;
+    let mut force = shape.gradient.map(|a| stress * a);
+    force[0] = -(force[1] + force[2] + force[3]);
+    (force, law.energy(material, &f) * shape.volume)
+}

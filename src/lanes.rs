@@ -1,0 +1,315 @@
+//! Four numbers side by side, with one text for kernels of any machine: AVX2 with FMA where that is found at
+//! run time, plain code elsewhere and as its oracle.
+
+use crate::model::tensor_mass::Lane;
+
+/// Four f64. What it offers is what kernels need.
+///
+/// # Safety
+/// An implementation may use instructions of a machine; who calls its methods has made sure that it is there. Nodes given
+/// to `gather` and `scatter` must be below the slices' lengths.
+#[allow(clippy::missing_safety_doc)]
+pub(crate) trait Four: Copy {
+    unsafe fn splat(x: f64) -> Self;
+    unsafe fn load(x: &[f64; 4]) -> Self;
+    unsafe fn store(self) -> [f64; 4];
+    unsafe fn add(self, other: Self) -> Self;
+    unsafe fn sub(self, other: Self) -> Self;
+    unsafe fn mul(self, other: Self) -> Self;
+    unsafe fn div(self, other: Self) -> Self;
+    unsafe fn min(self, other: Self) -> Self;
+    unsafe fn max(self, other: Self) -> Self;
+    /// self * b + c
+    unsafe fn mul_add(self, b: Self, c: Self) -> Self;
+    /// Natural logarithm of positive normal numbers.
+    unsafe fn ln(self) -> Self;
+    /// Components x, y, z of four nodes.
+    unsafe fn gather(from: &[Lane], nodes: [u32; 4]) -> [Self; 3];
+    /// Adds x, y, z to those of four nodes, one after the other.
+    unsafe fn scatter(what: [Self; 3], to: &mut [Lane], nodes: [u32; 4]);
+}
+
+/// Plain code.
+#[derive(Clone, Copy)]
+pub(crate) struct Plain([f64; 4]);
+
+impl Plain {
+    fn both(self, other: Plain, f: impl Fn(f64, f64) -> f64) -> Plain {
+        Plain(std::array::from_fn(|k| f(self.0[k], other.0[k])))
+    }
+}
+
+impl Four for Plain {
+    #[inline(always)]
+    unsafe fn splat(x: f64) -> Plain {
+        Plain([x; 4])
+    }
+
+    #[inline(always)]
+    unsafe fn load(x: &[f64; 4]) -> Plain {
+        Plain(*x)
+    }
+
+    #[inline(always)]
+    unsafe fn store(self) -> [f64; 4] {
+        self.0
+    }
+
+    #[inline(always)]
+    unsafe fn add(self, other: Plain) -> Plain {
+        self.both(other, |a, b| a + b)
+    }
+
+    #[inline(always)]
+    unsafe fn sub(self, other: Plain) -> Plain {
+        self.both(other, |a, b| a - b)
+    }
+
+    #[inline(always)]
+    unsafe fn mul(self, other: Plain) -> Plain {
+        self.both(other, |a, b| a * b)
+    }
+
+    #[inline(always)]
+    unsafe fn div(self, other: Plain) -> Plain {
+        self.both(other, |a, b| a / b)
+    }
+
+    #[inline(always)]
+    unsafe fn min(self, other: Plain) -> Plain {
+        self.both(other, f64::min)
+    }
+
+    #[inline(always)]
+    unsafe fn max(self, other: Plain) -> Plain {
+        self.both(other, f64::max)
+    }
+
+    #[inline(always)]
+    unsafe fn mul_add(self, b: Plain, c: Plain) -> Plain {
+        self.both(b, |a, b| a * b).both(c, |ab, c| ab + c)
+    }
+
+    #[inline(always)]
+    unsafe fn ln(self) -> Plain {
+        Plain(self.0.map(f64::ln))
+    }
+
+    #[inline(always)]
+    unsafe fn gather(from: &[Lane], nodes: [u32; 4]) -> [Plain; 3] {
+        let lanes = nodes.map(|v| from[v as usize].0);
+        std::array::from_fn(|axis| Plain(lanes.map(|lane| lane[axis])))
+    }
+
+    #[inline(always)]
+    unsafe fn scatter(what: [Plain; 3], to: &mut [Lane], nodes: [u32; 4]) {
+        for (k, v) in nodes.iter().enumerate() {
+            for (axis, what) in what.iter().enumerate() {
+                to[*v as usize].0[axis] += what.0[k];
+            }
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+pub(crate) use avx2::Avx2;
+
+#[cfg(target_arch = "x86_64")]
+mod avx2 {
+    use std::arch::x86_64::*;
+
+    use super::{Four, Lane};
+
+    /// AVX2 with FMA.
+    #[derive(Clone, Copy)]
+    pub(crate) struct Avx2(__m256d);
+
+    impl Four for Avx2 {
+        #[inline(always)]
+        unsafe fn splat(x: f64) -> Avx2 {
+            // SAFETY: as the trait says; so in all of them.
+            Avx2(unsafe { _mm256_set1_pd(x) })
+        }
+
+        #[inline(always)]
+        unsafe fn load(x: &[f64; 4]) -> Avx2 {
+            Avx2(unsafe { _mm256_loadu_pd(x.as_ptr()) })
+        }
+
+        #[inline(always)]
+        unsafe fn store(self) -> [f64; 4] {
+            let mut x = [0.0; 4];
+            unsafe { _mm256_storeu_pd(x.as_mut_ptr(), self.0) };
+            x
+        }
+
+        #[inline(always)]
+        unsafe fn add(self, other: Avx2) -> Avx2 {
+            Avx2(unsafe { _mm256_add_pd(self.0, other.0) })
+        }
+
+        #[inline(always)]
+        unsafe fn sub(self, other: Avx2) -> Avx2 {
+            Avx2(unsafe { _mm256_sub_pd(self.0, other.0) })
+        }
+
+        #[inline(always)]
+        unsafe fn mul(self, other: Avx2) -> Avx2 {
+            Avx2(unsafe { _mm256_mul_pd(self.0, other.0) })
+        }
+
+        #[inline(always)]
+        unsafe fn div(self, other: Avx2) -> Avx2 {
+            Avx2(unsafe { _mm256_div_pd(self.0, other.0) })
+        }
+
+        #[inline(always)]
+        unsafe fn min(self, other: Avx2) -> Avx2 {
+            Avx2(unsafe { _mm256_min_pd(self.0, other.0) })
+        }
+
+        #[inline(always)]
+        unsafe fn max(self, other: Avx2) -> Avx2 {
+            Avx2(unsafe { _mm256_max_pd(self.0, other.0) })
+        }
+
+        #[inline(always)]
+        unsafe fn mul_add(self, b: Avx2, c: Avx2) -> Avx2 {
+            Avx2(unsafe { _mm256_fmadd_pd(self.0, b.0, c.0) })
+        }
+
+        /// ln x = k ln 2 + 2 artanh((m - 1)/(m + 1)), m = x/2^k in [sqrt 1/2, sqrt 2]: nine terms reach round-off.
+        #[inline(always)]
+        unsafe fn ln(self) -> Avx2 {
+            unsafe {
+                let bits = _mm256_castpd_si256(self.0);
+                let half_root = _mm256_set1_epi64x(0x3fe6_a09e_667f_3bcd);
+                let from = _mm256_sub_epi64(bits, half_root);
+                // Exponent k, made a number by way of the mantissa of 2^52 + 2^51.
+                let shifted = _mm256_srli_epi64::<52>(_mm256_add_epi64(
+                    from,
+                    _mm256_set1_epi64x(0x3ff0_0000_0000_0000),
+                ));
+                let magic = 4_503_599_627_370_496.0;
+                let k = _mm256_sub_pd(
+                    _mm256_castsi256_pd(_mm256_or_si256(
+                        shifted,
+                        _mm256_castpd_si256(_mm256_set1_pd(magic)),
+                    )),
+                    _mm256_set1_pd(magic + 1023.0),
+                );
+                let mantissa = _mm256_and_si256(from, _mm256_set1_epi64x(0x000f_ffff_ffff_ffff));
+                let m = _mm256_castsi256_pd(_mm256_add_epi64(mantissa, half_root));
+                let one = _mm256_set1_pd(1.0);
+                let z = _mm256_div_pd(_mm256_sub_pd(m, one), _mm256_add_pd(m, one));
+                let square = _mm256_mul_pd(z, z);
+                let mut sum = _mm256_set1_pd(1.0 / 19.0);
+                for n in [17.0, 15.0, 13.0, 11.0, 9.0, 7.0, 5.0, 3.0] {
+                    sum = _mm256_fmadd_pd(sum, square, _mm256_set1_pd(1.0 / n));
+                }
+                let tail = _mm256_mul_pd(_mm256_mul_pd(sum, square), z);
+                let whole = _mm256_mul_pd(_mm256_set1_pd(2.0), _mm256_add_pd(tail, z));
+                Avx2(_mm256_fmadd_pd(
+                    k,
+                    _mm256_set1_pd(std::f64::consts::LN_2),
+                    whole,
+                ))
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn gather(from: &[Lane], nodes: [u32; 4]) -> [Avx2; 3] {
+            unsafe {
+                let at = from.as_ptr().cast::<f64>();
+                // Two halves at a time, which loads do without a shuffle.
+                let (a, c) = (at.add(4 * nodes[0] as usize), at.add(4 * nodes[2] as usize));
+                let (b, d) = (at.add(4 * nodes[1] as usize), at.add(4 * nodes[3] as usize));
+                let low = _mm256_loadu2_m128d(c, a);
+                let high = _mm256_loadu2_m128d(d, b);
+                let third = _mm256_loadu2_m128d(c.add(2), a.add(2));
+                let fourth = _mm256_loadu2_m128d(d.add(2), b.add(2));
+                [
+                    Avx2(_mm256_unpacklo_pd(low, high)),
+                    Avx2(_mm256_unpackhi_pd(low, high)),
+                    Avx2(_mm256_unpacklo_pd(third, fourth)),
+                ]
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn scatter(what: [Avx2; 3], to: &mut [Lane], nodes: [u32; 4]) {
+            unsafe {
+                let (x, y, z) = (what[0].0, what[1].0, what[2].0);
+                let zero = _mm256_setzero_pd();
+                let (xy_02, xy_13) = (_mm256_unpacklo_pd(x, y), _mm256_unpackhi_pd(x, y));
+                let (z_02, z_13) = (_mm256_unpacklo_pd(z, zero), _mm256_unpackhi_pd(z, zero));
+                let lanes = [
+                    _mm256_permute2f128_pd::<0x20>(xy_02, z_02),
+                    _mm256_permute2f128_pd::<0x20>(xy_13, z_13),
+                    _mm256_permute2f128_pd::<0x31>(xy_02, z_02),
+                    _mm256_permute2f128_pd::<0x31>(xy_13, z_13),
+                ];
+                let at = to.as_mut_ptr().cast::<f64>();
+                for k in 0..4 {
+                    let place = at.add(4 * nodes[k] as usize);
+                    _mm256_store_pd(place, _mm256_add_pd(_mm256_load_pd(place), lanes[k]));
+                }
+            }
+        }
+    }
+}
+
+/// Whether this machine has what [`Avx2`] needs.
+pub(crate) fn has_avx2() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return std::arch::is_x86_feature_detected!("avx2")
+        && std::arch::is_x86_feature_detected!("fma");
+    #[cfg(not(target_arch = "x86_64"))]
+    false
+}
+
+/// Three numbers; a 3x3 matrix, by rows. What is done with them is written out, and without closures, so that all of it
+/// becomes one piece of code that may use the machine's instructions.
+pub(crate) type Three<V> = [V; 3];
+pub(crate) type Square<V> = [[V; 3]; 3];
+
+#[inline(always)]
+pub(crate) unsafe fn load3<V: Four>(x: &[[f64; 4]; 3]) -> Three<V> {
+    // SAFETY: the caller's; so in all of these.
+    unsafe { [V::load(&x[0]), V::load(&x[1]), V::load(&x[2])] }
+}
+
+#[inline(always)]
+pub(crate) unsafe fn sub3<V: Four>(a: Three<V>, b: Three<V>) -> Three<V> {
+    unsafe { [a[0].sub(b[0]), a[1].sub(b[1]), a[2].sub(b[2])] }
+}
+
+/// a . b
+#[inline(always)]
+pub(crate) unsafe fn dot<V: Four>(a: Three<V>, b: Three<V>) -> V {
+    unsafe { a[0].mul_add(b[0], a[1].mul_add(b[1], a[2].mul(b[2]))) }
+}
+
+/// a x b
+#[inline(always)]
+pub(crate) unsafe fn cross<V: Four>(a: Three<V>, b: Three<V>) -> Three<V> {
+    unsafe {
+        [
+            a[1].mul(b[2]).sub(a[2].mul(b[1])),
+            a[2].mul(b[0]).sub(a[0].mul(b[2])),
+            a[0].mul(b[1]).sub(a[1].mul(b[0])),
+        ]
+    }
+}
+
+/// m a
+#[inline(always)]
+pub(crate) unsafe fn product<V: Four>(m: &Square<V>, a: Three<V>) -> Three<V> {
+    unsafe { [dot(m[0], a), dot(m[1], a), dot(m[2], a)] }
+}
+
+/// Cofactors: rows are the cross products of the other two rows.
+#[inline(always)]
+pub(crate) unsafe fn cofactors<V: Four>(f: &Square<V>) -> Square<V> {
+    unsafe { [cross(f[1], f[2]), cross(f[2], f[0]), cross(f[0], f[1])] }
+}

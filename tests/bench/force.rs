@@ -1,0 +1,101 @@
+//! What one evaluation of the non-linear forces costs on the demo's liver, beside the machine's own limit and the linear
+//! tensors in the same run: `cargo bench -p tissue --bench force`.
+//!
+//! Medians of interleaved runs, and the shortest. Prints CSV; nothing here fails on time.
+
+use std::hint::black_box;
+use std::path::Path;
+use std::time::Instant;
+
+use tissue::element::tetrahedra::Tetrahedra;
+use tissue::law::response::Law;
+use tissue::mesh::Vec3;
+use tissue::model::Model;
+use tissue::model::tensor_mass::Lane;
+
+const LIVER: &str = include_str!("../../examples/hepatectomy.json");
+const ROUNDS: usize = 201;
+const REPEATS: usize = 10;
+
+fn main() {
+    let scene = tissue::scene::parse(LIVER, "bench.json").expect("a scene of this file");
+    let model = tissue::prepared::prepare(scene, Path::new("bench.json")).expect("a scene");
+    let n = model.parts.moving;
+    println!("what,median,best,unit");
+    println!(
+        "tetrahedra,{0},{0},\nvertices,{1},{1},",
+        model.mesh.tetrahedra.len(),
+        n
+    );
+    let u: Vec<Lane> = (model.mesh.nodes[..n].iter())
+        .map(|x| Lane::from(Vec3::new(x.y * x.z, -0.3 * x.x, x.x * x.x)))
+        .collect();
+    let make = |law, fibre: bool| {
+        let with: Vec<_> = (0..model.mesh.tetrahedra.len())
+            .map(|t| {
+                let material = model.material(t).law;
+                match fibre {
+                    true => material.with_fibre(Vec3::z(), 8e4, 2e4),
+                    false => material,
+                }
+            })
+            .collect();
+        Tetrahedra::new(law, &model.mesh.tetrahedra, |t| {
+            Some((&model.shape[t], &with[t]))
+        })
+    };
+    let venant = make(Law::StVenantKirchhoff, false);
+    let fibres = make(Law::StVenantKirchhoff, true);
+    let hookean = make(Law::StableNeoHookean, false);
+    let mut out = vec![Lane::default(); n];
+    let mut linear = vec![Vec3::zeros(); n];
+    let (mut a, b) = (vec![[1.0f64; 4]; 512], [1.000_000_1f64; 4]);
+    let mut times = vec![Vec::new(); 6];
+    for _ in 0..ROUNDS {
+        let mut run = |k: usize, f: &mut dyn FnMut()| {
+            let start = Instant::now();
+            for _ in 0..REPEATS {
+                f();
+            }
+            times[k].push(start.elapsed().as_secs_f64() / REPEATS as f64);
+        };
+        run(0, &mut || {
+            for _ in 0..20 {
+                for x in &mut a {
+                    for (x, b) in x.iter_mut().zip(b) {
+                        *x = x.mul_add(b, b);
+                    }
+                }
+            }
+            black_box(&a);
+        });
+        run(1, &mut || {
+            model.whole.tensors.product(&model.pattern, &u, &mut linear);
+        });
+        run(2, &mut || {
+            black_box(venant.add_forces(&u, &mut out));
+        });
+        run(3, &mut || {
+            black_box(venant.add_forces_plain(&u, &mut out));
+        });
+        run(4, &mut || {
+            black_box(fibres.add_forces(&u, &mut out));
+        });
+        run(5, &mut || {
+            black_box(hookean.add_forces(&u, &mut out));
+        });
+    }
+    let names = [
+        "calibration",
+        "linear plain",
+        "StVK",
+        "StVK plain",
+        "StVK fibres",
+        "stable neo-Hookean",
+    ];
+    for (name, times) in names.iter().zip(&mut times) {
+        times.sort_by(f64::total_cmp);
+        let (median, best) = (1e6 * times[times.len() / 2], 1e6 * times[0]);
+        println!("{name},{median:.2},{best:.2},us");
+    }
+}
