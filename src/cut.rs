@@ -166,7 +166,7 @@ fn remove(model: &Model, state: &mut State, worklist: &mut Worklist, t: u32) -> 
         }
     }
     // The frame of a loose piece changes: what it loses is found afterwards.
-    if !is_loose || state.live.springs.is_some() {
+    if !is_loose || state.live.is_objective() {
         state.account.dissipated += lost;
     }
     worklist.note(model, &state.live, t)

@@ -112,7 +112,7 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Energy {
     } = scratch;
     loose.measure(model, state);
     let nodes = state.live.pieces.loose_nodes();
-    let framed = state.live.springs.is_none();
+    let framed = !state.live.is_objective();
     if framed {
         // Their tensors are for another frame.
         nodes

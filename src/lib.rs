@@ -21,6 +21,7 @@ pub mod live;
 pub mod loose;
 pub mod mesh;
 pub mod model;
+pub mod newton;
 pub mod pieces;
 pub mod pose;
 pub mod prepared;

@@ -2,13 +2,15 @@
 
 use nalgebra::Matrix3;
 
+use crate::element::tetrahedra::{self, Extent, Tetrahedra};
+use crate::law::response::Law;
 use crate::mesh::Vec3;
 use crate::mesh::topology::{EDGES, NONE};
 use crate::model::spring_mass::{self, Springs};
 use crate::model::stiffness::Stiffness;
 use crate::model::sweep::{Advance, Motion, Sums, sweep};
 use crate::model::tensor_mass::{Lane, Pattern, Tensors};
-use crate::model::{Model, spring_sweep};
+use crate::model::{Model, element_sweep, spring_sweep};
 use crate::pieces::{Pieces, Search, Tissue};
 use crate::scene::{CutMass, Mass, ModelKind};
 
@@ -39,10 +41,12 @@ pub struct LiveMesh {
     pub star_count: Vec<u32>,
     /// Where there are spares; otherwise the model's.
     pattern: Option<Box<Pattern>>,
-    /// Empty where there are springs.
+    /// Empty where there are springs or elements.
     pub tensors: Tensors,
     /// Of model kind `springMass`.
     pub springs: Option<Springs>,
+    /// Of a non-linear law.
+    pub elements: Option<Tetrahedra>,
     /// Inertial mass a node \[kg\].
     pub mass: Vec<f64>,
     /// Gravitational mass a node \[kg\]: a quarter of each of its tetrahedra, whatever `integration.mass`.
@@ -64,12 +68,17 @@ impl LiveMesh {
     /// The whole mesh of a model under construction.
     pub(crate) fn whole(model: &Model) -> LiveMesh {
         let nodes = model.mesh.nodes.len();
-        let (tensors, springs) = match model.scene.model.kind {
-            ModelKind::SpringMass => {
-                let springs = Springs::new(&model.pattern, &model.mesh.nodes);
-                (Tensors::default(), Some(springs))
-            }
-            _ => (Tensors::zeros(&model.pattern), None),
+        let springs = (model.scene.model.kind == ModelKind::SpringMass)
+            .then(|| Springs::new(&model.pattern, &model.mesh.nodes));
+        let elements = model.law().map(|law| {
+            Tetrahedra::new(law, &model.mesh.tetrahedra, |t| {
+                model.parts.dynamic[t].then(|| (&model.shape[t], &model.material(t).law))
+            })
+        });
+        let is_linear = springs.is_none() && elements.is_none();
+        let tensors = match is_linear {
+            true => Tensors::zeros(&model.pattern),
+            false => Tensors::default(),
         };
         let spares = model.parts.spares;
         let mut live = LiveMesh {
@@ -81,13 +90,14 @@ impl LiveMesh {
             star_count: vec![0; nodes],
             tensors,
             springs,
+            elements,
             mass: vec![0.0; nodes],
             weight: vec![0.0; nodes],
             surface_slot: vec![NONE; model.topology.faces.len()],
             ..LiveMesh::default()
         };
         for (t, tetrahedron) in model.mesh.tetrahedra.iter().enumerate() {
-            if model.parts.dynamic[t] {
+            if model.parts.dynamic[t] && live.elements.is_none() {
                 live.accumulate(model, t);
             }
             for node in tetrahedron {
@@ -95,7 +105,7 @@ impl LiveMesh {
                 live.weight[*node as usize] += model.quarter[t];
             }
         }
-        if live.springs.is_none() {
+        if is_linear {
             for node in 0..model.pattern.nodes() {
                 live.tensors.close(&model.pattern, node);
             }
@@ -182,25 +192,74 @@ impl LiveMesh {
         }
     }
 
+    /// Whether forces are right under any rotation, so that loose pieces need no frames.
+    pub fn is_objective(&self) -> bool {
+        self.springs.is_some() || self.elements.is_some()
+    }
+
+    /// How far what has a non-linear law is deformed.
+    pub fn extent(&self, u: &[Lane]) -> Extent {
+        let of = |e: &Tetrahedra| e.extent(u);
+        self.elements.as_ref().map_or_else(Extent::default, of)
+    }
+
+    /// Tensors of the elements at rest, as a linear law.
+    pub fn tangent_at_rest(&self, model: &Model) -> Tensors {
+        let pattern = self.pattern(model);
+        let mut tensors = Tensors::zeros(pattern);
+        for (t, nodes) in self.tetrahedra.iter().enumerate() {
+            if self.alive[t] && model.parts.dynamic[t] {
+                tensors.accumulate(pattern, nodes, &model.shape[t], &model.material(t).law);
+            }
+        }
+        tensors
+    }
+
     /// One substep of the moving nodes.
     pub fn sweep(&self, model: &Model, motion: &mut Motion, by: &Advance) -> Sums {
-        match &self.springs {
-            Some(springs) => spring_sweep::sweep(springs, motion, by),
-            None => sweep(self.pattern(model), &self.tensors, motion, by),
+        let pattern = self.pattern(model);
+        match (&self.springs, &self.elements) {
+            (Some(springs), _) => spring_sweep::sweep(springs, motion, by),
+            (_, Some(elements)) => {
+                let used = pattern.first..model.parts.connected_from();
+                element_sweep::sweep(elements, used, motion, by)
+            }
+            _ => sweep(pattern, &self.tensors, motion, by),
         }
     }
 
     /// Internal force on node i \[N\], without that of a pre-computed part.
     pub fn internal_force(&self, model: &Model, i: usize, u: &[Lane]) -> Vec3 {
-        match &self.springs {
-            Some(springs) => springs.force(self.pattern(model), i, u),
-            None => self.tensors.row_product(self.pattern(model), i, u),
+        match (&self.springs, &self.elements) {
+            (Some(springs), _) => springs.force(self.pattern(model), i, u),
+            (_, Some(elements)) => self.star_force(model, elements.law, i, u),
+            _ => self.tensors.row_product(self.pattern(model), i, u),
         }
     }
 
-    /// Of tensors or springs.
+    /// That of the elements round a node.
+    fn star_force(&self, model: &Model, law: Law, i: usize, u: &[Lane]) -> Vec3 {
+        let mut sum = Vec3::zeros();
+        if self.star_count[i] == 0 {
+            return sum;
+        }
+        let own = |t: &u32| model.parts.dynamic[*t as usize];
+        for t in self.star(model, i as u32).filter(own) {
+            let (t, nodes) = (t as usize, self.tetrahedra[t as usize]);
+            let (shape, material) = (&model.shape[t], &model.material(t).law);
+            let u = nodes.map(|v| u[v as usize].xyz());
+            let (force, _) = tetrahedra::force(law, material, shape, &u);
+            let corner = nodes.iter().position(|v| *v as usize == i);
+            sum += corner.map_or(Vec3::zeros(), |k| force[k]);
+        }
+        sum
+    }
+
+    /// Of tensors, springs or elements.
     pub fn bytes(&self) -> usize {
-        self.tensors.bytes() + self.springs.as_ref().map_or(0, Springs::bytes)
+        self.tensors.bytes()
+            + self.springs.as_ref().map_or(0, Springs::bytes)
+            + self.elements.as_ref().map_or(0, Tetrahedra::bytes)
     }
 
     /// Removes one live tetrahedron: its four masses and four faces. Its tensors or springs stay until
@@ -300,6 +359,13 @@ impl LiveMesh {
         let mut edges = std::mem::take(&mut self.edges);
         let mut nodes = std::mem::take(&mut self.around);
         for (t, corners) in &self.dirty {
+            if let Some(elements) = &mut self.elements {
+                let t = *t as usize;
+                elements.rename(t, &self.tetrahedra[t]);
+                if !self.alive[t] {
+                    elements.remove(t);
+                }
+            }
             let own = model.topology.tetrahedron_edges[*t as usize];
             for ([a, b, ..], edge) in EDGES.iter().zip(own) {
                 let (a, b) = (corners[*a], corners[*b]);
@@ -311,6 +377,12 @@ impl LiveMesh {
         edges.dedup();
         nodes.sort_unstable();
         nodes.dedup();
+        // Elements are not gathered on edges.
+        edges.truncate(if self.elements.is_some() {
+            0
+        } else {
+            edges.len()
+        });
         for (ends, edge) in &edges {
             self.sum_edge(model, *ends, *edge);
         }
@@ -354,7 +426,7 @@ impl LiveMesh {
 
     /// The tensor of a node, of those of its edges; its mass.
     fn sum_node(&mut self, model: &Model, node: usize) {
-        if self.springs.is_none() {
+        if !self.is_objective() {
             let pattern = self.pattern.as_deref().unwrap_or(&model.pattern);
             self.tensors.close(pattern, node);
         }
@@ -516,6 +588,9 @@ impl LiveMesh {
         self.star_count.clone_from(&other.star_count);
         self.tensors.0.clone_from(&other.tensors.0);
         self.springs.clone_from(&other.springs);
+        if let (Some(own), Some(other)) = (&mut self.elements, &other.elements) {
+            own.copy_from(other);
+        }
         self.mass.clone_from(&other.mass);
         self.weight.clone_from(&other.weight);
         self.surface.clone_from(&other.surface);

@@ -119,9 +119,9 @@ impl Scratch {
             for node in &nodes[piece] {
                 let i = *node as usize;
                 let zero = Lane::default();
-                let local = match live.springs {
-                    Some(_) => displacement[i],
-                    None => frame.local(&live.rest[i], &displacement[i].xyz()).into(),
+                let local = match live.is_objective() {
+                    true => displacement[i],
+                    false => frame.local(&live.rest[i], &displacement[i].xyz()).into(),
                 };
                 self.aside.push(Aside {
                     displacement: std::mem::replace(&mut displacement[i], local),
@@ -222,9 +222,9 @@ impl Scratch {
         for node in nodes {
             let i = *node as usize;
             let u = &state.displacement[i];
-            self.local[i] = match state.live.springs {
-                Some(_) => *u,
-                None => frame.local(&state.live.rest[i], &u.xyz()).into(),
+            self.local[i] = match state.live.is_objective() {
+                true => *u,
+                false => frame.local(&state.live.rest[i], &u.xyz()).into(),
             };
         }
         frame
@@ -267,7 +267,7 @@ impl Scratch {
         damping: f64,
     ) {
         let nodes = &state.live.pieces.loose_nodes()[piece.clone()];
-        if state.live.springs.is_none() {
+        if !state.live.is_objective() {
             frame.turn_back(state, nodes, &mut self.force[piece.clone()]);
         }
         for (k, node) in piece.zip(nodes) {
@@ -282,7 +282,7 @@ impl Scratch {
 
     /// Turns the loose nodes' vectors into their frames, or back.
     pub(crate) fn turn(&self, state: &State, back: bool, vectors: &mut [Lane]) {
-        if state.live.springs.is_some() {
+        if state.live.is_objective() {
             return;
         }
         let nodes = state.live.pieces.loose_nodes();
@@ -303,7 +303,7 @@ impl Scratch {
     /// what the solution is for. (A piece of which nodes are held on some axes only keeps its velocities.)
     pub(crate) fn take_off(&mut self, model: &Model, state: &mut State, seconds: f64) {
         self.flights.clear();
-        if state.live.pieces.loose_nodes().is_empty() || state.live.springs.is_some() {
+        if state.live.pieces.loose_nodes().is_empty() || state.live.is_objective() {
             return;
         }
         self.measure(model, state);
@@ -548,7 +548,7 @@ impl Scratch {
         let Some((_, piece)) = state.live.pieces.loose_piece(label) else {
             return 0.0;
         };
-        if state.live.springs.is_some() {
+        if state.live.is_objective() {
             // Each tetrahedron books its own.
             return 0.0;
         }
@@ -596,7 +596,7 @@ fn attached(model: &Model, state: &State, label: u32) -> f64 {
             state.velocity[i].xyz(),
         );
         sum -= half * lagging * m * v.norm_squared();
-        if state.live.springs.is_none() {
+        if !state.live.is_objective() {
             let f = state.live.internal_force(model, i, &state.displacement);
             let external = state.external[i].xyz();
             sum += 0.5 * f.dot(&u) + 0.5 * m * v.norm_squared() + half * v.dot(&(external - f))

@@ -1,4 +1,4 @@
-//! The same scene's equilibrium by a sparse direct solution: no substeps, no tools.
+//! The same scene's equilibrium by sparse direct solutions: no substeps, no tools.
 
 use std::collections::BTreeMap;
 
@@ -13,6 +13,7 @@ use crate::model::Model;
 use crate::model::dense::dot;
 use crate::model::precomputed::Interface;
 use crate::model::tensor_mass::{Pattern, Tensors};
+use crate::newton::{self, Solution};
 use crate::state::State;
 use crate::statics::{self, Factor, Numbering, StaticsError};
 
@@ -63,8 +64,11 @@ pub fn solve(model: &Model, after_cuts: bool) -> Result<Reference, ReferenceErro
     } else {
         model.whole.clone()
     };
-    let (u, residual) =
-        equilibrium(model, &live).map_err(|e| ReferenceError::Statics(model.file.clone(), e))?;
+    let Solution {
+        displacement: u,
+        residual,
+        corrections,
+    } = equilibrium(model, &live).map_err(|e| ReferenceError::Statics(model.file.clone(), e))?;
     let mut smallest = f64::INFINITY;
     let mut inverted = 0;
     for (t, nodes) in live.tetrahedra.iter().enumerate() {
@@ -81,8 +85,7 @@ pub fn solve(model: &Model, after_cuts: bool) -> Result<Reference, ReferenceErro
             smallest,
         ));
     }
-    let lanes: Vec<_> = u.iter().map(|u| (*u).into()).collect();
-    let (pattern, tensors) = assemble(model, &live);
+    let internal = newton::internal_forces(model, &live, &u);
     let external = external(model, &live);
     let mut reaction = BTreeMap::new();
     for (scene_node, node) in model.node.iter().enumerate() {
@@ -91,9 +94,7 @@ pub fn solve(model: &Model, after_cuts: bool) -> Result<Reference, ReferenceErro
         let spares = (0..live.origin.len()).filter(|k| live.origin[*k] == *node);
         let rows = spares.chain([i]).filter(|k| live.star_count[*k] > 0);
         if rows.clone().next().is_some() && model.boundary.free[i] != [true; 3] {
-            let force: Vec3 = rows
-                .map(|k| tensors.row_product(&pattern, k, &lanes) - external[k])
-                .sum();
+            let force: Vec3 = rows.map(|k| internal[k] - external[k]).sum();
             let held = Vec3::from_fn(|a, _| {
                 if model.boundary.free[i][a] {
                     0.0
@@ -123,12 +124,12 @@ pub fn solve(model: &Model, after_cuts: bool) -> Result<Reference, ReferenceErro
         reaction,
         minimum_volume_ratio: if smallest.is_finite() { smallest } else { 1.0 },
         residual,
-        iterations: 1,
+        iterations: corrections,
     })
 }
 
-/// Displacement \[m\] a node, and the relative residual.
-pub fn equilibrium(model: &Model, live: &LiveMesh) -> Result<(Vec<Vec3>, f64), StaticsError> {
+/// Of what is left, with prescribed displacements and loads at full value.
+pub fn equilibrium(model: &Model, live: &LiveMesh) -> Result<Solution, StaticsError> {
     if live.pieces.rigid_modes > 0 {
         return Err(StaticsError::NotHeld);
     }
@@ -155,9 +156,16 @@ pub fn equilibrium(model: &Model, live: &LiveMesh) -> Result<(Vec<Vec3>, f64), S
         }
     }
     let external = external(model, live);
+    if model.law().is_some() {
+        return newton::solve(model, live, &free, &u, &external);
+    }
     let (pattern, tensors) = assemble(model, live);
     let residual = statics::solve(&pattern, &tensors, &free, &external, &mut u)?;
-    Ok((u, residual))
+    Ok(Solution {
+        displacement: u,
+        residual,
+        corrections: 1,
+    })
 }
 
 /// By how much reduced interface modes move the equilibrium: difference relative to the displacement of the
@@ -171,7 +179,7 @@ pub fn interface_error(model: &Model) -> Result<Option<f64>, StaticsError> {
     let Interface::Modes { .. } = part.interface else {
         return Ok(None);
     };
-    let (u, _) = equilibrium(model, &model.whole)?;
+    let u = equilibrium(model, &model.whole)?.displacement;
     let (from, moving) = (model.parts.connected_from(), model.parts.moving);
     let mut packed: Vec<f64> = u[from..moving]
         .iter()
@@ -191,7 +199,8 @@ pub fn interface_error(model: &Model) -> Result<Option<f64>, StaticsError> {
         model.boundary.free[i].map(|f| f && used)
     });
     let numbering = Numbering::new(free);
-    let stiffness = model.stiffness(&model.whole.tensors);
+    let at_rest = model.whole.tangent_at_rest(model);
+    let stiffness = model.stiffness(&at_rest);
     let factor = Factor::new(stiffness.entries(), &numbering, None)?;
     let mut column = vec![0.0; numbering.unknowns()];
     numbering.gather(&right, &mut column);

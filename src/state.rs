@@ -2,6 +2,7 @@
 
 use crate::contact::hold::{Held, Released};
 use crate::couple::Coupling;
+use crate::element::tetrahedra::Extent;
 use crate::energy::{Account, Scratch};
 use crate::live::LiveMesh;
 use crate::mesh::Vec3;
@@ -95,6 +96,8 @@ pub struct State {
     pub live: LiveMesh,
     /// Of the pre-computed part. Follows from the rest but for how old positions are.
     pub coupling: Coupling,
+    /// How far what has a non-linear law is deformed. Follows from the rest.
+    pub extent: Extent,
     /// Gravity and loads \[N\] a node. Follows from the rest.
     pub external: Vec<Lane>,
     /// \[1/kg\] an axis, 0 where something holds it. Follows from the rest.
@@ -144,6 +147,7 @@ impl State {
             velocity: vec![Lane::default(); nodes],
             live: model.whole.clone(),
             coupling: Coupling::new(model),
+            extent: Extent::default(),
             external: vec![Lane::default(); nodes],
             inverse_mass: vec![Lane::default(); nodes],
             held: Vec::new(),
@@ -213,6 +217,7 @@ impl State {
                 }
             }
         }
+        self.extent = self.live.extent(&self.displacement);
         let (gravity, time) = (&self.parameters.gravity, self.clock.time());
         self.coupling.set_amplitudes(model, gravity, time);
         self.coupling.set_held(model, &self.held);
@@ -278,6 +283,7 @@ impl State {
         self.velocity.clone_from(&other.velocity);
         self.live.catch_up(model, &other.live);
         self.coupling.copy_from(&other.coupling);
+        self.extent = other.extent;
         self.external.clone_from(&other.external);
         self.inverse_mass.clone_from(&other.inverse_mass);
         self.held.clone_from(&other.held);

@@ -17,7 +17,7 @@ use crate::mesh::Vec3;
 use crate::model::tensor_mass::{Pattern, Tensors};
 
 /// Why there is no solution.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum StaticsError {
     #[error(
         "the stiffness matrix is not positive definite: some tissue is not held against every rigid motion; fix at least three nodes of each piece that are not in line"
@@ -25,6 +25,10 @@ pub enum StaticsError {
     NotHeld,
     #[error("not enough memory for the factor")]
     Memory,
+    #[error(
+        "no equilibrium was found beyond {:.1} % of the load and of what supports prescribe: tissue buckles there, or its law does not hold for so large a deformation", 100.0 * .0
+    )]
+    Lost(f64),
 }
 
 /// Systems of more unknowns are ordered by dissection where positions are known.

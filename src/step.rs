@@ -5,8 +5,10 @@ use crate::contact::geometry::Capsule;
 use crate::contact::hold::{self, Held};
 use crate::couple::Before;
 use crate::cut;
+use crate::element::tetrahedra::Extent;
 use crate::energy::Account;
 use crate::integrate::{self, implicit_euler, leapfrog, runge_kutta_4};
+use crate::law::response::Law;
 use crate::loose;
 use crate::mesh::Vec3;
 use crate::model::sweep::Sums;
@@ -59,6 +61,10 @@ pub enum StepError {
         "the energy balance was {1:.3e} J off at {0} s although the substep was halved {RETRIES} times"
     )]
     Energy(f64, f64),
+    #[error(
+        "a tetrahedron was turned inside out (det F = {1:.3}) at {0} s although the substep was halved {RETRIES} times; stVenantKirchhoff cannot bring it back, stableNeoHookean can"
+    )]
+    Inverted(f64, f64),
     #[error("implicit Euler's equations have no factor: {0}")]
     Factor(StaticsError),
 }
@@ -175,11 +181,17 @@ pub fn step(
 
 /// Largest stable substep of the tissue as it is \[s\].
 pub fn critical_substep(model: &Model, state: &State) -> f64 {
+    critical_at(model, state, &state.extent)
+}
+
+/// The same of tissue so deformed.
+fn critical_at(model: &Model, state: &State, extent: &Extent) -> f64 {
     let omega = if state.live.removed.is_empty() {
         model.spectrum.highest
     } else {
         model.limiting_frequency()
     };
+    let omega = omega * model.stiffening(extent).sqrt();
     model.critical_step_at(omega, state.parameters.damping)
 }
 
@@ -285,6 +297,8 @@ pub fn advance(
     {
         return Err(StepError::NonFinite(state.clock.time()));
     }
+    state.extent = state.live.extent(&state.displacement);
+    check_inversion(model, state, &state.extent)?;
     let length = n as f64 * h;
     for (k, tool) in state.tools.iter_mut().enumerate() {
         tool.mean_force = work.impulse[k] / length;
@@ -439,6 +453,11 @@ pub(crate) fn watch(
     trailing: f64,
     tick: bool,
 ) -> Result<(), StepError> {
+    check_inversion(model, state, &sums.extent)?;
+    let critical = || critical_at(model, state, &sums.extent);
+    if tick && model.law().is_some() && state.clock.substep > critical() {
+        return Err(StepError::Unstable(state.clock.substep, critical()));
+    }
     let elastic = 0.5 * sums.elastic;
     if !(elastic + kinetic + sums.external + sums.damping).is_finite() {
         return Err(StepError::NonFinite(state.clock.time()));
@@ -459,7 +478,7 @@ pub(crate) fn watch(
         let booked = before.dissipated.abs() + before.support_work.abs() + sums.external.abs();
         let in_play = elastic + kinetic + before.tool_work.abs();
         state.account.most = before.most.max(elastic + kinetic);
-        let share = if state.live.springs.is_some() {
+        let share = if state.live.is_objective() {
             SPRINGS_OFF
         } else {
             ROUND_OFF
@@ -479,6 +498,14 @@ pub(crate) fn watch(
             let off = if grows { before.made } else { residual };
             return Err(StepError::Energy(state.clock.time(), off));
         }
+    }
+    Ok(())
+}
+
+/// What St Venant and Kirchhoff's law turns inside out it leaves so, at rest or nearly.
+fn check_inversion(model: &Model, state: &State, extent: &Extent) -> Result<(), StepError> {
+    if model.law() == Some(Law::StVenantKirchhoff) && extent.least <= 0.0 {
+        return Err(StepError::Inverted(state.clock.time(), extent.least));
     }
     Ok(())
 }

@@ -3,7 +3,7 @@
 //! What is compared with the threshold (Cotin, Delingette, Ayache 1998, section 5.5), r an edge's rest
 //! vector from a to b, w = u_b - u_a:
 //!
-//! |  | linear law | springs |
+//! |  | linear law | springs, non-linear laws |
 //! |---|---|---|
 //! | relative change of volume | tr eps | det F - 1 |
 //! | relative elongation of an edge | r . eps r / r² = r . w / r² | (l - l_0)/l_0 |
@@ -24,7 +24,7 @@ use crate::mesh::Vec3;
 use crate::model::Model;
 use crate::model::spring_mass::EDGES;
 use crate::model::tensor_mass::Lane;
-use crate::scene::{ModelKind, TearCriterion};
+use crate::scene::TearCriterion;
 use crate::state::State;
 
 /// Tetrahedra that are looked at together.
@@ -41,7 +41,7 @@ pub fn measure(model: &Model, t: usize, u: &[Vec3; 4]) -> f64 {
     let Some(tearing) = &model.scene.tearing else {
         return f64::NEG_INFINITY;
     };
-    let springs = model.scene.model.kind == ModelKind::SpringMass;
+    let springs = !model.is_quadratic();
     if tearing.criterion == TearCriterion::Volume {
         let shape = &model.shape[t];
         return if springs {
@@ -86,7 +86,7 @@ pub fn displacements(state: &State, loose: &loose::Scratch, t: usize) -> [Vec3; 
 
 /// Whether a node's displacement is another in its frame.
 fn turns(state: &State, node: u32) -> bool {
-    state.live.springs.is_none() && state.live.pieces.is_loose(node as usize)
+    !state.live.is_objective() && state.live.pieces.is_loose(node as usize)
 }
 
 /// Whether the way of its vertices is known: not in a turning frame, nor where one has been split.
@@ -298,7 +298,7 @@ fn sum_of_gradients(shape: &Shape) -> f64 {
 /// How far, in units of 1/[`slope`], the vertices may go before the measure has grown by `growth`.
 fn allowed(model: &Model, t: usize, u: &[Vec3; 4], growth: f64) -> f64 {
     let criterion = model.scene.tearing.as_ref().map(|t| t.criterion);
-    let springs = model.scene.model.kind == ModelKind::SpringMass;
+    let springs = !model.is_quadratic();
     if !springs || criterion != Some(TearCriterion::Volume) {
         return growth.min(1.0);
     }

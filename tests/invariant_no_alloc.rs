@@ -32,6 +32,8 @@ fn a_step_allocates_nothing() {
     let hybrid = r#"{"model": {"kind": "hybrid", "dynamic":
         {"halfSpace": {"point": [0.05, 0, 0], "normal": [1, 0, 0]}}},"#;
     let springs = r#"{"model": {"kind": "springMass"},"#;
+    let venant = r#"{"model": {"elasticity": "stVenantKirchhoff", "element": "constantStrain"},"#;
+    let hookean = r#"{"model": {"elasticity": "stableNeoHookean", "element": "constantStrain"},"#;
     let tearing = r#"{"tearing": {"criterion": "maximumElongation", "threshold": 0.052},"#;
     let torn = r#"{"model": {"kind": "springMass"}, "tearing": {"criterion": "maximumElongation", "threshold": 0.052},"#;
     for (scheme, model) in [
@@ -45,6 +47,8 @@ fn a_step_allocates_nothing() {
         ("rungeKutta4", springs),
         ("rungeKutta4", hybrid),
         ("implicitEuler", hybrid),
+        ("symplecticEuler", venant),
+        ("rungeKutta4", hookean),
         ("symplecticEuler", tearing),
         ("rungeKutta4", torn),
     ] {

@@ -58,6 +58,15 @@ pub struct Extent {
     pub most: f64,
 }
 
+impl Extent {
+    /// Of both.
+    pub fn join(&mut self, other: &Extent) {
+        self.trace = self.trace.max(other.trace);
+        self.least = self.least.min(other.least);
+        self.most = self.most.max(other.most);
+    }
+}
+
 impl Default for Extent {
     /// At rest.
     fn default() -> Extent {
@@ -170,6 +179,12 @@ impl Tetrahedra {
         }
     }
 
+    /// Keeps the room that there is.
+    pub(crate) fn copy_from(&mut self, other: &Tetrahedra) {
+        self.group.clone_from(&other.group);
+        self.fibre.clone_from(&other.fibre);
+    }
+
     fn find(&self, t: usize) -> Option<(usize, usize)> {
         let place = self.place[t] as usize;
         (self.place[t] != NONE).then_some((place / 4, place % 4))
@@ -184,6 +199,24 @@ impl Tetrahedra {
             return unsafe { self.avx2(u, to) };
         }
         self.add_forces_plain(u, to)
+    }
+
+    /// How far displacements u deform.
+    pub fn extent(&self, u: &[Lane]) -> Extent {
+        #[cfg(target_arch = "x86_64")]
+        if lanes::has_avx2() {
+            // SAFETY: it is there; nodes are below the number of moving nodes, and so of `u`, by construction.
+            return unsafe { self.extent_avx2(u) };
+        }
+        // SAFETY: plain code has no needs.
+        unsafe { self.deformed::<Plain>(u) }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma")]
+    unsafe fn extent_avx2(&self, u: &[Lane]) -> Extent {
+        // SAFETY: the caller's.
+        unsafe { self.deformed::<lanes::Avx2>(u) }
     }
 
     /// The same in plain code, for machines without AVX2 and as the fast form's oracle.
@@ -213,6 +246,18 @@ impl Tetrahedra {
     }
 
     #[inline(always)]
+    unsafe fn deformed<V: Four>(&self, u: &[Lane]) -> Extent {
+        // SAFETY: the caller's.
+        unsafe {
+            let mut reach = Reach::<V>::rest();
+            for group in &self.group {
+                reach.include(&group.point(u).0);
+            }
+            reach.extent()
+        }
+    }
+
+    #[inline(always)]
     unsafe fn kernel<V: Four, R: Response, const FIBRE: bool>(
         &self,
         u: &[Lane],
@@ -221,27 +266,9 @@ impl Tetrahedra {
         // SAFETY: the caller's.
         unsafe {
             let mut sum = V::splat(0.0);
-            let (mut trace, mut least, mut most) = (V::splat(0.0), V::splat(1.0), V::splat(1.0));
+            let mut reach = Reach::<V>::rest();
             for (k, group) in self.group.iter().enumerate() {
-                let first = V::gather(u, group.node[0]);
-                let d = [
-                    sub3(V::gather(u, group.node[1]), first),
-                    sub3(V::gather(u, group.node[2]), first),
-                    sub3(V::gather(u, group.node[3]), first),
-                ];
-                let a: Square<V> = [
-                    load3(&group.gradient[0]),
-                    load3(&group.gradient[1]),
-                    load3(&group.gradient[2]),
-                ];
-                let mut g = a;
-                for k in 0..3 {
-                    let (x, y, z) = (d[0][k], d[1][k], d[2][k]);
-                    g[k][0] = x.mul_add(a[0][0], y.mul_add(a[1][0], z.mul(a[2][0])));
-                    g[k][1] = x.mul_add(a[0][1], y.mul_add(a[1][1], z.mul(a[2][1])));
-                    g[k][2] = x.mul_add(a[0][2], y.mul_add(a[1][2], z.mul(a[2][2])));
-                }
-                let point = Point::new(g);
+                let (point, a) = group.point::<V>(u);
                 let parameters = [V::load(&group.parameters[0]), V::load(&group.parameters[1])];
                 let (mut stress, mut energy) = R::respond(&point, parameters);
                 if FIBRE {
@@ -250,9 +277,7 @@ impl Tetrahedra {
                     point.add_fibre(a0, V::load(&fibre.kappa), &mut stress, &mut energy);
                 }
                 sum = sum.add(energy);
-                trace = trace.max(point.trace);
-                least = least.min(point.volume_ratio);
-                most = most.max(point.volume_ratio);
+                reach.include(&point);
                 let force = [
                     product(&stress, a[0]),
                     product(&stress, a[1]),
@@ -266,17 +291,85 @@ impl Tetrahedra {
                 V::scatter(force[2], to, group.node[3]);
             }
             let [a, b, c, d] = sum.store();
-            let extent = Extent {
-                trace: trace.store().into_iter().fold(0.0, f64::max),
-                least: least.store().into_iter().fold(1.0, f64::min),
-                most: most.store().into_iter().fold(1.0, f64::max),
-            };
-            ((a + b) + (c + d), extent)
+            ((a + b) + (c + d), reach.extent())
         }
     }
 
     pub fn bytes(&self) -> usize {
         size_of_val(&self.group[..]) + size_of_val(&self.fibre[..]) + size_of_val(&self.place[..])
+    }
+}
+
+impl Group {
+    /// Deformation, and a_1, a_2, a_3.
+    #[inline(always)]
+    unsafe fn point<V: Four>(&self, u: &[Lane]) -> (Point<V>, Square<V>) {
+        // SAFETY: the caller's.
+        unsafe {
+            let first = V::gather(u, self.node[0]);
+            let d = [
+                sub3(V::gather(u, self.node[1]), first),
+                sub3(V::gather(u, self.node[2]), first),
+                sub3(V::gather(u, self.node[3]), first),
+            ];
+            let a: Square<V> = [
+                load3(&self.gradient[0]),
+                load3(&self.gradient[1]),
+                load3(&self.gradient[2]),
+            ];
+            let mut g = a;
+            for k in 0..3 {
+                let (x, y, z) = (d[0][k], d[1][k], d[2][k]);
+                g[k][0] = x.mul_add(a[0][0], y.mul_add(a[1][0], z.mul(a[2][0])));
+                g[k][1] = x.mul_add(a[0][1], y.mul_add(a[1][1], z.mul(a[2][1])));
+                g[k][2] = x.mul_add(a[0][2], y.mul_add(a[1][2], z.mul(a[2][2])));
+            }
+            (Point::new(g), a)
+        }
+    }
+}
+
+/// [`Extent`] in the making, a lane each.
+struct Reach<V> {
+    trace: V,
+    least: V,
+    most: V,
+}
+
+impl<V: Four> Reach<V> {
+    #[inline(always)]
+    unsafe fn rest() -> Reach<V> {
+        // SAFETY: the caller's; so in all of them.
+        unsafe {
+            Reach {
+                trace: V::splat(0.0),
+                least: V::splat(1.0),
+                most: V::splat(1.0),
+            }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn include(&mut self, point: &Point<V>) {
+        unsafe {
+            self.trace = self.trace.max(point.trace);
+            self.least = self.least.min(point.volume_ratio);
+            self.most = self.most.max(point.volume_ratio);
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn extent(self) -> Extent {
+        unsafe {
+            let [a, b, c, d] = self.trace.store();
+            let [e, f, g, h] = self.least.store();
+            let [i, j, k, l] = self.most.store();
+            Extent {
+                trace: a.max(b).max(c.max(d)),
+                least: e.min(f).min(g.min(h)),
+                most: i.max(j).max(k.max(l)),
+            }
+        }
     }
 }
 

@@ -4,3 +4,4 @@ pub mod linear;
 pub mod response;
 pub mod st_venant_kirchhoff;
 pub mod stable_neo_hookean;
+pub mod stiffening;

@@ -4,6 +4,7 @@ pub mod boundary;
 pub mod critical_step;
 pub mod dense;
 pub mod edge_list;
+pub mod element_sweep;
 pub mod guyan;
 pub mod order;
 pub mod parts;
@@ -18,15 +19,17 @@ pub mod sweep;
 pub mod tensor_mass;
 
 use crate::element::constant_strain::Shape;
+use crate::element::tetrahedra::{self, Extent};
 use crate::law::linear::Hooke;
+use crate::law::response::Law;
 use crate::live::LiveMesh;
 use crate::mesh::check::MeshReport;
 use crate::mesh::topology::{Face, NONE, Topology};
 use crate::mesh::{self, MeshError, TetMesh, Vec3};
 use crate::pieces::{Pieces, Tissue, free_modes};
 use crate::scene::{
-    Connection, CutRule, InterfaceMass, ModelKind, ModelSettings, OutputVertices, Scene,
-    SceneError, Scheme, Selector, Start, ToolKind, select_tetrahedra,
+    Connection, CutRule, Elasticity, InterfaceMass, ModelKind, ModelSettings, OutputVertices,
+    Scene, SceneError, Scheme, Selector, Start, ToolKind, select_tetrahedra,
 };
 use crate::star::Worklist;
 use crate::statics::StaticsError;
@@ -402,9 +405,13 @@ impl Model {
             let (bound, rest) = (Springs::tangent_bound, Springs::tangent_at_rest);
             (bound(springs, &self.pattern), rest(springs, &self.pattern))
         });
+        let at_rest = match springs {
+            Some(_) => Tensors::default(),
+            None => live.tangent_at_rest(self),
+        };
         let (stiffest, stiffness) = match &springs {
             Some((bound, rest)) => (self.stiffness(bound), self.stiffness(rest)),
-            None => (self.stiffness(&live.tensors), self.stiffness(&live.tensors)),
+            None => (self.stiffness(&at_rest), self.stiffness(&at_rest)),
         };
         let highest = spectrum::highest(stiffest, mass, free);
         let lowest = if moving <= DIRECT_NODES {
@@ -468,11 +475,43 @@ impl Model {
             ModelKind::SpringMass => {
                 spring_mass::tetrahedron_force(law, shape.volume, &self.rest_positions(t), u)
             }
-            _ => {
-                let force = shape.linear_force(law, u);
-                (force, std::array::from_fn(|k| 0.5 * u[k].dot(&force[k])))
-            }
+            _ => match self.law() {
+                None => {
+                    let force = shape.linear_force(law, u);
+                    (force, std::array::from_fn(|k| 0.5 * u[k].dot(&force[k])))
+                }
+                Some(kind) => {
+                    let (force, energy) = tetrahedra::force(kind, law, shape, u);
+                    (force, [0.25 * energy; 4])
+                }
+            },
         }
+    }
+
+    /// Of the dynamic tetrahedra, where it is not the linear one.
+    pub fn law(&self) -> Option<Law> {
+        match (self.scene.model.kind, self.scene.model.elasticity) {
+            (ModelKind::SpringMass, _) | (_, Elasticity::Linear) => None,
+            (_, Elasticity::StVenantKirchhoff) => Some(Law::StVenantKirchhoff),
+            (_, Elasticity::StableNeoHookean) => Some(Law::StableNeoHookean),
+        }
+    }
+
+    /// Bound of the largest eigenvalue of M^-1 K of tissue so deformed, relative to that at rest.
+    pub fn stiffening(&self, extent: &Extent) -> f64 {
+        let Some(law) = self.law() else {
+            return 1.0;
+        };
+        let each = self
+            .materials
+            .iter()
+            .map(|m| law.stiffening(&m.law, extent));
+        each.fold(1.0, f64::max)
+    }
+
+    /// Whether a tetrahedron's energy is a quadratic form: then schemes' accounts close to round-off.
+    pub fn is_quadratic(&self) -> bool {
+        self.scene.model.kind != ModelKind::SpringMass && self.law().is_none()
     }
 
     /// Of tetrahedron `t`.
@@ -541,7 +580,8 @@ impl Model {
         match self.scene.start {
             Start::Rest => Ok(vec![Vec3::zeros(); self.parts.known]),
             Start::Equilibrium => crate::reference::equilibrium(self, &self.whole)
-                .map(|(mut u, _)| {
+                .map(|solution| {
+                    let mut u = solution.displacement;
                     u.truncate(self.parts.known);
                     u
                 })

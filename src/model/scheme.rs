@@ -2,7 +2,7 @@
 
 use super::sweep::Advance;
 use super::{Model, critical_step};
-use crate::scene::{CutMass, EULER_UNDAMPED, Mass, ModelKind, SceneError, Scheme};
+use crate::scene::{CutMass, EULER_UNDAMPED, Mass, SceneError, Scheme};
 
 /// Share of the guaranteed critical step that a chosen substep may use.
 pub const STEP_MARGIN: f64 = 0.9;
@@ -69,7 +69,7 @@ impl Model {
             // Who gives a substep asks for what takes it.
             None if integration.substep.is_some()
                 || self.has_guyan_mass()
-                || self.scene.model.kind == ModelKind::SpringMass =>
+                || !self.is_quadratic() =>
             {
                 Ok(Scheme::SymplecticEuler)
             }

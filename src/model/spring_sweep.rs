@@ -159,5 +159,6 @@ unsafe fn avx2(springs: &Springs, m: &mut Motion, by: &Advance) -> Sums {
         damping: total(_mm256_add_pd(leading, kinetic)),
         lagging: total(lagging),
         external: total(work),
+        ..Sums::default()
     }
 }

@@ -13,6 +13,7 @@
 //! A degree of freedom whose inverse mass is given as 0 keeps its velocity.
 
 use super::tensor_mass::{Lane, Pattern, Tensors};
+use crate::element::tetrahedra::Extent;
 
 /// What moves. All slices have one entry a node.
 pub struct Motion<'a> {
@@ -98,6 +99,8 @@ pub struct Sums {
     pub lagging: f64,
     /// f_ext . u_n \[J\]
     pub external: f64,
+    /// Of what has a non-linear law.
+    pub extent: Extent,
 }
 
 impl std::ops::AddAssign for Sums {
@@ -107,6 +110,7 @@ impl std::ops::AddAssign for Sums {
         self.damping += other.damping;
         self.lagging += other.lagging;
         self.external += other.external;
+        self.extent.join(&other.extent);
     }
 }
 
@@ -279,5 +283,6 @@ unsafe fn avx2(pattern: &Pattern, tensors: &Tensors, m: &mut Motion, by: &Advanc
         damping: total(_mm256_add_pd(leading, kinetic)),
         lagging: total(lagging),
         external: total(work),
+        extent: Extent::default(),
     }
 }

@@ -9,26 +9,28 @@ use super::types::*;
 /// `PATH: WHAT is not available in this version; INSTEAD` for the first such thing.
 pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     let model = &scene.model;
-    let averaged = matches!(
-        model.element,
-        Some(Element::NodalPressure | Element::NodalAveraged)
-    );
+    let nonlinear = model.elasticity != Elasticity::Linear;
+    let element = model.element.unwrap_or(match nonlinear {
+        true => Element::NodalAveraged,
+        false => Element::ConstantStrain,
+    });
+    let averaged = element != Element::ConstantStrain;
     let format = match &scene.mesh {
         MeshSource::File { file, .. } => extension(file),
         _ => "msh",
     };
     let text = |path: &str| path.to_string();
     // The equilibrium of springs is no linear system.
-    let settled = model.kind == ModelKind::SpringMass && scene.start == Start::Equilibrium;
+    let springs = model.kind == ModelKind::SpringMass;
+    let settled = springs && scene.start == Start::Equilibrium;
     #[rustfmt::skip]
     let mut table = vec![
         (settled, text("start"), format!("{} with {}", word(&scene.start), word(&model.kind)), "use rest"),
-        (model.elasticity != Elasticity::Linear, text("model.elasticity"), word(&model.elasticity), "use linear"),
         (model.form != Form::PerTetrahedron, text("model.form"), word(&model.form), "use perTetrahedron"),
         (model.adaptive != Adaptive::Blend, text("model.adaptive"), word(&model.adaptive), "use blend"),
         (model.nonlinear_threshold != 0.0, text("model.nonlinearThreshold"), text("a non-linear threshold"), "use 0"),
         (model.incompressibility != 0.0, text("model.incompressibility"), text("a volume penalty"), "use 0"),
-        (averaged, text("model.element"), word(&model.element), "use constantStrain"),
+        (averaged, text("model.element"), word(&element), "use constantStrain"),
         (!format.eq_ignore_ascii_case("msh"), text("mesh.file"), format!("the mesh format .{format}"), "use .msh"),
     ];
     for (i, tool) in scene.tools.iter().enumerate() {
@@ -91,12 +93,33 @@ fn unsuited(scene: &Scene) -> Result<(), SceneError> {
             "only duplicate makes vertices; cutting.rule must be duplicate",
         ));
     }
-    if scene.model.kind == ModelKind::SpringMass && scheme == Some(Scheme::ImplicitEuler) {
+    let springs = scene.model.kind == ModelKind::SpringMass;
+    let nonlinear = scene.model.elasticity != Elasticity::Linear;
+    if (springs || nonlinear) && scheme == Some(Scheme::ImplicitEuler) {
         // Its factor is that of a matrix that does not change.
+        let law = if springs {
+            word(&scene.model.kind)
+        } else {
+            word(&scene.model.elasticity)
+        };
         return Err(SceneError::at(
             "",
             "integration.scheme",
-            "implicitEuler needs a linear model; springMass must have another scheme",
+            format!("implicitEuler needs a linear model; {law} must have another scheme"),
+        ));
+    }
+    if springs && nonlinear {
+        return Err(SceneError::at(
+            "",
+            "model.elasticity",
+            "springMass has a law of its own; must be linear",
+        ));
+    }
+    if scene.model.kind == ModelKind::QuasiStatic && nonlinear {
+        return Err(SceneError::at(
+            "",
+            "model.elasticity",
+            "what is pre-computed is linear; quasiStatic must have linear",
         ));
     }
     if scheme == Some(Scheme::Euler) && scene.integration.damping == Some(0.0) {

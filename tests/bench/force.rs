@@ -10,7 +10,6 @@ use std::time::Instant;
 use tissue::element::tetrahedra::Tetrahedra;
 use tissue::law::response::Law;
 use tissue::mesh::Vec3;
-use tissue::model::Model;
 use tissue::model::tensor_mass::Lane;
 
 const LIVER: &str = include_str!("../../examples/hepatectomy.json");

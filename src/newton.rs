@@ -1,0 +1,262 @@
+//! Equilibrium of tissue with a non-linear law: Newton's method on the whole of it, with the exact tangent.
+//!
+//! Supports and loads grow together; a share of them that Newton's method does not reach is halved. Each correction
+//! is followed as far as it lowers the energy and turns nothing inside out.
+
+use nalgebra::Matrix3;
+
+use crate::element::tetrahedra;
+use crate::law::response::Law;
+use crate::live::LiveMesh;
+use crate::mesh::Vec3;
+use crate::model::Model;
+use crate::statics::{Factor, Numbering, StaticsError};
+
+/// Largest force out of balance, relative to the largest force.
+const TOLERANCE: f64 = 1e-10;
+/// Corrections at one share of the load.
+const MOST_CORRECTIONS: usize = 40;
+/// Smallest growth of the share that is tried.
+const SMALLEST_STEP: f64 = 1.0 / 512.0;
+/// Parts of a correction that are tried.
+const HALVINGS: u32 = 12;
+/// Parts of the largest vertex stiffness that are added where the tangent is not positive definite.
+const SHIFTS: [f64; 6] = [0.0, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1];
+
+/// Displacement \[m\] a node, relative residual, corrections.
+pub struct Solution {
+    pub displacement: Vec<Vec3>,
+    pub residual: f64,
+    pub corrections: usize,
+}
+
+/// Tissue at displacements u.
+struct At {
+    /// dW/du \[N\]
+    internal: Vec<Vec3>,
+    /// W \[J\]
+    energy: f64,
+    /// Smallest det F.
+    least: f64,
+}
+
+/// dW/du \[N\] of all that is alive, what is pre-computed by the linear law.
+pub fn internal_forces(model: &Model, live: &LiveMesh, u: &[Vec3]) -> Vec<Vec3> {
+    evaluate(model, live, u).internal
+}
+
+fn law_of(model: &Model, t: usize) -> Option<Law> {
+    model.law().filter(|_| model.parts.dynamic[t])
+}
+
+fn evaluate(model: &Model, live: &LiveMesh, u: &[Vec3]) -> At {
+    let mut at = At {
+        internal: vec![Vec3::zeros(); u.len()],
+        energy: 0.0,
+        least: f64::INFINITY,
+    };
+    for (t, nodes) in live.tetrahedra.iter().enumerate() {
+        if !live.alive[t] {
+            continue;
+        }
+        let (shape, material) = (&model.shape[t], &model.material(t).law);
+        let own = nodes.map(|v| u[v as usize]);
+        let (force, energy) = match law_of(model, t) {
+            Some(law) => tetrahedra::force(law, material, shape, &own),
+            None => {
+                let force = shape.linear_force(material, &own);
+                let twice: f64 = own.iter().zip(&force).map(|(u, f)| u.dot(f)).sum();
+                (force, 0.5 * twice)
+            }
+        };
+        for (v, f) in nodes.iter().zip(force) {
+            at.internal[*v as usize] += f;
+        }
+        at.energy += energy;
+        at.least = at.least.min(shape.deformation_gradient(&own).determinant());
+    }
+    at
+}
+
+/// K_jk of every live tetrahedron, each pair once.
+fn tangent(model: &Model, live: &LiveMesh, u: &[Vec3]) -> Vec<(usize, usize, Matrix3<f64>)> {
+    let mut entries = Vec::with_capacity(10 * live.tetrahedra.len());
+    for (t, nodes) in live.tetrahedra.iter().enumerate() {
+        if !live.alive[t] {
+            continue;
+        }
+        let (shape, material) = (&model.shape[t], &model.material(t).law);
+        let f = shape.deformation_gradient(&nodes.map(|v| u[v as usize]));
+        for k in 0..4 {
+            let change = |axis: usize| {
+                let df = Vec3::ith(axis, 1.0) * shape.gradient[k].transpose();
+                match law_of(model, t) {
+                    Some(law) => law.tangent(material, &f, &df),
+                    None => material.stress(&((df + df.transpose()) * 0.5)),
+                }
+            };
+            let stress = [0, 1, 2].map(change);
+            for j in 0..=k {
+                let a = shape.gradient[j] * shape.volume;
+                let block = Matrix3::from_columns(&stress.map(|s| s * a));
+                entries.push((nodes[j] as usize, nodes[k] as usize, block));
+            }
+        }
+    }
+    entries
+}
+
+/// `free` an axis of each node, `held` \[m\] where it is not, `external` \[N\] at full value.
+pub fn solve(
+    model: &Model,
+    live: &LiveMesh,
+    free: &[[bool; 3]],
+    held: &[Vec3],
+    external: &[Vec3],
+) -> Result<Solution, StaticsError> {
+    let problem = Problem {
+        model,
+        live,
+        free,
+        held,
+        external,
+        numbering: Numbering::new(free.iter().copied()),
+    };
+    let mut u = vec![Vec3::zeros(); held.len()];
+    let (mut share, mut step, mut corrections) = (0.0, 1.0f64, 0);
+    let mut residual = 0.0;
+    while share < 1.0 {
+        let next = (share + step).min(1.0);
+        match problem.reach(&u, next, &mut corrections) {
+            Ok((found, left)) => {
+                (u, residual, share) = (found, left, next);
+                step *= 2.0;
+            }
+            Err(_) if step > SMALLEST_STEP => step *= 0.5,
+            Err(StaticsError::NotHeld) if share == 0.0 => return Err(StaticsError::NotHeld),
+            Err(_) => return Err(StaticsError::Lost(share)),
+        }
+    }
+    Ok(Solution {
+        displacement: u,
+        residual,
+        corrections,
+    })
+}
+
+struct Problem<'a> {
+    model: &'a Model,
+    live: &'a LiveMesh,
+    free: &'a [[bool; 3]],
+    held: &'a [Vec3],
+    external: &'a [Vec3],
+    numbering: Numbering,
+}
+
+impl Problem<'_> {
+    /// From an equilibrium to that at another share of the load.
+    fn reach(
+        &self,
+        from: &[Vec3],
+        share: f64,
+        corrections: &mut usize,
+    ) -> Result<(Vec<Vec3>, f64), StaticsError> {
+        let mut u = from.to_vec();
+        let mut at = evaluate(self.model, self.live, &u);
+        for k in 0..MOST_CORRECTIONS {
+            let residual = self.residual(&at, share);
+            if k > 0 && residual < TOLERANCE {
+                return Ok((u, residual));
+            }
+            *corrections += 1;
+            let way = self.correction(&u, &at, share)?;
+            // Supports go all the way at first, or the share is too large.
+            let (moved, found) = match k {
+                0 => self.moved(&u, &way, 1.0).filter(|(_, at)| at.least > 0.0),
+                _ => self.descend(&u, &at, &way, share),
+            }
+            .ok_or(StaticsError::Lost(share))?;
+            (u, at) = (moved, found);
+        }
+        Err(StaticsError::Lost(share))
+    }
+
+    fn out_of_balance(&self, at: &At, share: f64) -> Vec<Vec3> {
+        (self.external.iter().zip(&at.internal))
+            .map(|(f, k)| f * share - k)
+            .collect()
+    }
+
+    fn residual(&self, at: &At, share: f64) -> f64 {
+        let scale = (self.external.iter().map(|f| f * share))
+            .chain(at.internal.iter().copied())
+            .map(|f| f.amax())
+            .fold(0.0, f64::max);
+        let left = (self.out_of_balance(at, share).iter().zip(self.free))
+            .flat_map(|(r, free)| (0..3).filter(|a| free[*a]).map(|a| r[a].abs()))
+            .fold(0.0, f64::max);
+        if scale > 0.0 { left / scale } else { 0.0 }
+    }
+
+    /// K du = r on what is free, du what supports lack where it is not.
+    fn correction(&self, u: &[Vec3], at: &At, share: f64) -> Result<Vec<Vec3>, StaticsError> {
+        let entries = tangent(self.model, self.live, u);
+        let mut way: Vec<Vec3> = (0..u.len())
+            .map(|i| {
+                Vec3::from_fn(|a, _| match self.free[i][a] {
+                    true => 0.0,
+                    false => self.held[i][a] * share - u[i][a],
+                })
+            })
+            .collect();
+        let mut right = self.out_of_balance(at, share);
+        let mut largest = 0.0f64;
+        for (i, j, block) in &entries {
+            right[*i] -= block * way[*j];
+            if i != j {
+                right[*j] -= block.tr_mul(&way[*i]);
+            } else {
+                largest = largest.max(block.amax());
+            }
+        }
+        let mut columns = vec![0.0; self.numbering.unknowns()];
+        self.numbering.gather(&right, &mut columns);
+        let ones = vec![1.0; u.len()];
+        let factor = SHIFTS.into_iter().find_map(|shift| {
+            let shifted = (shift > 0.0).then_some((shift * largest, &ones[..]));
+            match Factor::new(entries.iter().copied(), &self.numbering, shifted) {
+                Err(StaticsError::NotHeld) => None,
+                found => Some(found),
+            }
+        });
+        factor.ok_or(StaticsError::NotHeld)??.solve(&mut columns);
+        if !columns.iter().all(|x| x.is_finite()) {
+            return Err(StaticsError::NotHeld);
+        }
+        self.numbering.scatter(&columns, &mut way);
+        Ok(way)
+    }
+
+    fn moved(&self, u: &[Vec3], way: &[Vec3], part: f64) -> Option<(Vec<Vec3>, At)> {
+        let moved: Vec<Vec3> = u.iter().zip(way).map(|(u, d)| u + d * part).collect();
+        let at = evaluate(self.model, self.live, &moved);
+        at.energy.is_finite().then_some((moved, at))
+    }
+
+    /// The longest part of the way, by halves, along which the potential falls or the residual does.
+    fn descend(&self, u: &[Vec3], at: &At, way: &[Vec3], share: f64) -> Option<(Vec<Vec3>, At)> {
+        let slope: f64 = -(self.out_of_balance(at, share).iter().zip(way))
+            .map(|(r, d)| r.dot(d))
+            .sum::<f64>();
+        let before = self.residual(at, share);
+        (0..HALVINGS).find_map(|k| {
+            let part = 0.5f64.powi(k as i32);
+            let (moved, found) = self.moved(u, way, part).filter(|(_, at)| at.least > 0.0)?;
+            let work: f64 = (self.external.iter().zip(way))
+                .map(|(f, d)| f.dot(d) * share * part)
+                .sum();
+            let falls = found.energy - at.energy - work <= 1e-4 * part * slope;
+            (falls || self.residual(&found, share) < 0.5 * before).then_some((moved, found))
+        })
+    }
+}

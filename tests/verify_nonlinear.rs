@@ -1,0 +1,407 @@
+//! Laws that are right under rotation: forces against energies, closed forms, bounds and accounts.
+
+mod common;
+
+use nalgebra::{DMatrix, DVector, Matrix3, Rotation3};
+use tissue::element::constant_strain::Shape;
+use tissue::element::tetrahedra::{Tetrahedra, force};
+use tissue::law::linear::Hooke;
+use tissue::law::response::Law;
+use tissue::mesh::Vec3;
+use tissue::model::Model;
+use tissue::model::tensor_mass::Lane;
+
+const LAWS: [Law; 2] = [Law::StVenantKirchhoff, Law::StableNeoHookean];
+
+/// Of a bar of two materials, one with fibres, and an odd number of tetrahedra.
+struct Bar {
+    nodes: Vec<Vec3>,
+    tetrahedra: Vec<[u32; 4]>,
+    shape: Vec<Shape>,
+    material: Vec<Hooke>,
+}
+
+impl Bar {
+    fn new(fibres: bool) -> Bar {
+        let model = common::model(common::BAR);
+        let mut tetrahedra = model.mesh.tetrahedra.clone();
+        tetrahedra.pop();
+        let soft = Hooke::new(6000.0, 0.45);
+        let hard = Hooke::new(20_000.0, 0.3);
+        let threads = soft.with_fibre(Vec3::new(1.0, 0.3, -0.2), 8e4, 2e4);
+        let material = (0..tetrahedra.len())
+            .map(|t| match (t % 3, fibres) {
+                (0, _) => hard,
+                (1, true) => threads,
+                _ => soft,
+            })
+            .collect();
+        Bar {
+            shape: model.shape.clone(),
+            nodes: model.mesh.nodes.clone(),
+            tetrahedra,
+            material,
+        }
+    }
+
+    fn elements(&self, law: Law) -> Tetrahedra {
+        Tetrahedra::new(law, &self.tetrahedra, |t| {
+            Some((&self.shape[t], &self.material[t]))
+        })
+    }
+
+    /// A smooth field and noise of a share of the cells.
+    fn displaced(&self, size: f64) -> Vec<Lane> {
+        let mut seed = 1u64;
+        let mut random = move || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (seed >> 33) as f64 / f64::from(1u32 << 30) - 1.0
+        };
+        (self.nodes.iter())
+            .map(|x| {
+                let bend = Vec3::new(3.0 * x.x * x.z, 20.0 * x.x * x.x, -10.0 * x.x * x.y);
+                let noise = Vec3::new(random(), random(), random()) * 8e-4;
+                Lane::from((bend + noise) * size)
+            })
+            .collect()
+    }
+}
+
+fn forces(elements: &Tetrahedra, u: &[Lane]) -> (Vec<Lane>, f64) {
+    let mut out = vec![Lane::default(); u.len()];
+    let (energy, _) = elements.add_forces(u, &mut out);
+    (out, energy)
+}
+
+fn largest(forces: &[Lane]) -> f64 {
+    forces.iter().map(|f| f.xyz().norm()).fold(0.0, f64::max)
+}
+
+#[test]
+fn fast_plain_and_single_tetrahedra_agree() {
+    for law in LAWS {
+        for fibres in [false, true] {
+            for size in [1e-6, 0.3, 2.0] {
+                let bar = Bar::new(fibres);
+                let elements = bar.elements(law);
+                let u = bar.displaced(size);
+                let (fast, energy) = forces(&elements, &u);
+                let mut plain = vec![Lane::default(); u.len()];
+                let (plain_energy, extent) = elements.add_forces_plain(&u, &mut plain);
+                let mut single = vec![Vec3::zeros(); u.len()];
+                let (mut sum, mut least) = (0.0, 1.0f64);
+                for (t, nodes) in bar.tetrahedra.iter().enumerate() {
+                    let own = nodes.map(|v| u[v as usize].xyz());
+                    let (f, w) = force(law, &bar.material[t], &bar.shape[t], &own);
+                    (0..4).for_each(|k| single[nodes[k] as usize] += f[k]);
+                    sum += w;
+                    let f = bar.shape[t].deformation_gradient(&own);
+                    least = least.min(f.determinant());
+                }
+                let scale = largest(&fast);
+                for k in 0..u.len() {
+                    // Neo-Hookean stresses at rest are sums that cancel.
+                    let off = (fast[k].xyz() - plain[k].xyz()).norm() / scale;
+                    assert!(off < 1e-12 + 1e-15 / size, "{law:?} {size}: {off:e}");
+                    // F^T F - I cancels at small strain, and that is how it is done there.
+                    let off = (fast[k].xyz() - single[k]).norm() / scale;
+                    assert!(off < 1e-12 + 1e-14 / size, "{law:?} {size}: {off:e}");
+                }
+                let off = |a: f64| (energy - a).abs() / energy;
+                // Of the neo-Hookean energy all but a part of size² cancels.
+                let bound = 1e-12f64.max(1e-16 / (size * size));
+                assert!(
+                    off(plain_energy) < bound && off(sum) < bound,
+                    "{law:?} {size}"
+                );
+                assert!((extent.least - least).abs() < 1e-12);
+                assert_eq!(elements.extent(&u).least, elements.extent(&u).least);
+            }
+        }
+    }
+}
+
+#[test]
+fn forces_are_the_derivatives_of_the_energy() {
+    for law in LAWS {
+        let bar = Bar::new(true);
+        let elements = bar.elements(law);
+        let u = bar.displaced(1.0);
+        let (f, _) = forces(&elements, &u);
+        let scale = largest(&f);
+        for k in (0..u.len()).step_by(17) {
+            for axis in 0..3 {
+                let at = |h: f64| {
+                    let mut moved = u.clone();
+                    moved[k].0[axis] += h;
+                    forces(&elements, &moved).1
+                };
+                let h = 2e-5;
+                let slope = (8.0 * (at(h) - at(-h)) - at(2.0 * h) + at(-2.0 * h)) / (12.0 * h);
+                let off = (slope - f[k].0[axis]).abs();
+                assert!(
+                    off < 1e-9 * scale,
+                    "{law:?} {k} {axis}: {off:e} of {scale:e}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn rotations_give_no_force_and_momentum_is_balanced() {
+    let turn = Rotation3::new(Vec3::new(1.5, -0.7, 2.0));
+    for law in LAWS {
+        let bar = Bar::new(true);
+        let elements = bar.elements(law);
+        let u = bar.displaced(1.0);
+        let (f, _) = forces(&elements, &u);
+        let scale = largest(&f);
+        let shift = Vec3::new(3.0, -2.0, 1.0);
+        let turned: Vec<Lane> = (bar.nodes.iter())
+            .map(|x| Lane::from(turn * x - x + shift * 0.01))
+            .collect();
+        assert!(largest(&forces(&elements, &turned).0) < 1e-12 * scale);
+        let (mut sum, mut moment) = (Vec3::zeros(), Vec3::zeros());
+        for (k, f) in f.iter().enumerate() {
+            sum += f.xyz();
+            moment += (bar.nodes[k] + u[k].xyz()).cross(&f.xyz());
+        }
+        assert!(sum.norm() < 1e-12 * scale, "{law:?} {}", sum.norm() / scale);
+        assert!(moment.norm() < 1e-12 * scale * 0.1, "{law:?}");
+        // And turned forces are the forces turned.
+        let turned: Vec<Lane> = (bar.nodes.iter().zip(&u))
+            .map(|(x, u)| Lane::from(turn * (x + u.xyz()) - x))
+            .collect();
+        let (there, _) = forces(&elements, &turned);
+        for (f, g) in f.iter().zip(&there) {
+            assert!((turn * f.xyz() - g.xyz()).norm() < 1e-12 * scale);
+        }
+    }
+}
+
+/// Second derivatives of the energy of all tetrahedra, dense.
+fn tangent(bar: &Bar, law: Law, u: &[Lane]) -> DMatrix<f64> {
+    let n = 3 * u.len();
+    let mut k = DMatrix::zeros(n, n);
+    for (t, nodes) in bar.tetrahedra.iter().enumerate() {
+        let (shape, material) = (&bar.shape[t], &bar.material[t]);
+        let f = shape.deformation_gradient(&nodes.map(|v| u[v as usize].xyz()));
+        for (j, node) in nodes.iter().enumerate() {
+            for axis in 0..3 {
+                let df = Vec3::ith(axis, 1.0) * shape.gradient[j].transpose();
+                let stress: Matrix3<f64> = law.tangent(material, &f, &df) * shape.volume;
+                for (other, a) in nodes.iter().zip(&shape.gradient) {
+                    let force = stress * a;
+                    for row in 0..3 {
+                        k[(3 * *other as usize + row, 3 * *node as usize + axis)] += force[row];
+                    }
+                }
+            }
+        }
+    }
+    k
+}
+
+/// sqrt of the largest eigenvalue of M^-1 K.
+fn highest(bar: &Bar, law: Law, u: &[Lane]) -> f64 {
+    let mut mass = DVector::zeros(3 * u.len());
+    for (t, nodes) in bar.tetrahedra.iter().enumerate() {
+        for v in nodes {
+            for axis in 0..3 {
+                mass[3 * *v as usize + axis] += 1000.0 * bar.shape[t].volume / 4.0;
+            }
+        }
+    }
+    let scale = mass.map(|m: f64| if m > 0.0 { m.powf(-0.5) } else { 0.0 });
+    let mut k = tangent(bar, law, u);
+    for row in 0..k.nrows() {
+        for column in 0..k.ncols() {
+            k[(row, column)] *= scale[row] * scale[column];
+        }
+    }
+    k.symmetric_eigenvalues().max().sqrt()
+}
+
+#[test]
+fn stiffening_is_foreseen() {
+    for law in LAWS {
+        for fibres in [false, true] {
+            let bar = Bar::new(fibres);
+            let elements = bar.elements(law);
+            let rest = highest(&bar, law, &vec![Lane::default(); bar.nodes.len()]);
+            for stretch in [
+                Vec3::new(1.0, 1.0, 1.0),
+                Vec3::new(1.3, 0.9, 0.9),
+                Vec3::new(2.0, 0.7, 0.7),
+                Vec3::new(0.6, 1.2, 1.3),
+                Vec3::new(1.5, 1.5, 0.5),
+            ] {
+                for size in [0.1, 1.0] {
+                    let u: Vec<Lane> = (bar.nodes.iter().zip(bar.displaced(size)))
+                        .map(|(x, u)| Lane::from(x.component_mul(&stretch) - x + u.xyz()))
+                        .collect();
+                    let extent = elements.extent(&u);
+                    let bound = (bar.material.iter())
+                        .map(|m| law.stiffening(m, &extent))
+                        .fold(1.0, f64::max)
+                        .sqrt();
+                    let truth = highest(&bar, law, &u) / rest;
+                    println!("{law:?} {stretch:?} {size}: {truth:.3} bound {bound:.3} {extent:?}");
+                    assert!(truth < bound * 1.001);
+                }
+            }
+        }
+    }
+}
+
+fn bar_scene(law: &str, more: &str) -> String {
+    common::BAR.replace("500000", "50000").replacen(
+        '{',
+        &format!(r#"{{"model": {{"elasticity": "{law}", "element": "constantStrain"}}, {more}"#),
+        1,
+    )
+}
+
+/// Pulled and pressed to a stretch s with nothing in the way of its sides, nu = 0: nominal stress E s (s² - 1)/2.
+#[test]
+fn a_bar_in_closed_form() {
+    for stretch in [1.3, 0.8] {
+        let by = 0.1 * (stretch - 1.0);
+        let text = format!(
+            r#"{{"name": "bar", "mesh": {{"box": {{"size": [0.1, 0.02, 0.02], "cells": [5, 1, 1]}}}},
+  "materials": [{{"where": {{"all": true}}, "youngModulus": 50000, "poissonRatio": 0, "density": 1000}}],
+  "fixed": [{{"where": {{"box": {{"min": [0, 0, 0], "max": [0, 1, 1]}}}}, "axes": "x"}},
+            {{"where": {{"nodes": [0]}}}}, {{"where": {{"box": {{"min": [0, 0, 0], "max": [1, 0, 0]}}}}, "axes": "yz"}}],
+  "prescribed": [{{"where": {{"box": {{"min": [0.1, 0, 0], "max": [0.1, 1, 1]}}}}, "displacement": [{by}, null, null], "ramp": 0.1}}],
+  "model": {{"elasticity": "stVenantKirchhoff", "element": "constantStrain"}},
+  "gravity": [0, 0, 0], "integration": {{"damping": 60}}}}"#
+        );
+        let mut s = common::simulation(&text);
+        for _ in 0..3000 {
+            s.step(1e-3).unwrap();
+        }
+        let (model, state) = (s.model(), s.state());
+        let pull: f64 = (0..model.mesh.nodes.len())
+            .filter(|v| model.mesh.nodes[*v].x > 0.0999)
+            .map(|v| state.live.internal_force(model, v, &state.displacement).x)
+            .sum();
+        let truth = 4e-4 * 50_000.0 * stretch * (stretch * stretch - 1.0) / 2.0;
+        println!("stretch {stretch}: {pull} {truth}");
+        assert!((pull / truth - 1.0).abs() < 1e-8);
+    }
+}
+
+/// Press, grasp, pull, cut off, drop: with the account open.
+#[test]
+fn all_that_is_done_to_tissue() {
+    for law in ["stVenantKirchhoff", "stableNeoHookean"] {
+        for (scheme, bound) in [
+            ("symplecticEuler", 5e-3),
+            ("centralDifference", 5e-3),
+            ("rungeKutta4", 0.05),
+        ] {
+            for rule in ["remove", "duplicate"] {
+                let text = bar_scene(
+                    law,
+                    &format!(
+                        r#""integration": {{"scheme": "{scheme}", "damping": 30}}, "cutting": {{"rule": "{rule}"}},"#
+                    ),
+                );
+                let mut s = common::simulation(&text);
+                let (mut scale, mut worst) = (0.0f64, 0.0f64);
+                for k in 0..1200 {
+                    common::script(&mut s, f64::from(k) * 1e-3);
+                    s.step(1e-3).unwrap();
+                    let e = s.energy();
+                    scale = scale.max(e.elastic + e.kinetic);
+                    worst = worst.max((e.balance() - s.state().account.start).abs());
+                    if k % 100 == 50 {
+                        let bytes = s.serialise(s.state());
+                        assert!(s.deserialise(&bytes).unwrap() == *s.state());
+                    }
+                }
+                println!(
+                    "{law} {scheme} {rule}: {:.1e}, {} removed, {} pieces",
+                    worst / scale,
+                    s.state().live.removed.len(),
+                    s.pieces()
+                );
+                assert!(worst < bound * scale);
+                assert!(s.state().live.removed.len() > 10);
+                fresh_elements_are_the_same(s.model(), &s);
+            }
+        }
+    }
+}
+
+/// After any history the elements are those of a fresh start with what is left.
+fn fresh_elements_are_the_same(model: &Model, s: &tissue::simulation::Simulation) {
+    let live = &s.state().live;
+    let elements = live.elements.as_ref().unwrap();
+    let fresh = Tetrahedra::new(elements.law, &live.tetrahedra, |t| {
+        live.alive[t].then(|| (&model.shape[t], &model.material(t).law))
+    });
+    let u = &s.state().displacement;
+    let (one, _) = forces(elements, u);
+    let (other, _) = forces(&fresh, u);
+    let scale = largest(&one);
+    for (a, b) in one.iter().zip(&other) {
+        assert!((a.xyz() - b.xyz()).norm() <= 1e-12 * scale);
+    }
+}
+
+/// Settled tissue is where Newton's method says, and starts there where the scene asks for it.
+#[test]
+fn tissue_settles_where_newtons_method_says() {
+    for law in ["stVenantKirchhoff", "stableNeoHookean"] {
+        for kind in [
+            "",
+            r#""kind": "hybrid", "dynamic": {"halfSpace": {"point": [0.03, 0, 0], "normal": [1, 0, 0]}}, "#,
+        ] {
+            let text = bar_scene(
+                law,
+                r#""gravity": [0, 0, -9.81], "integration": {"damping": 60},
+                   "prescribed": [{"where": {"box": {"min": [0.1, 0, 0], "max": [0.1, 1, 0]}}, "displacement": [-0.005, null, -0.03], "ramp": 0.3}],
+                   "cuts": [{"time": 0.1, "where": {"box": {"min": [0.05, 0, 0.013], "max": [0.06, 1, 1]}}}],"#,
+            )
+            .replacen(r#"{"elasticity""#, &format!(r#"{{{kind}"elasticity""#), 1);
+            let mut s = common::simulation(&text);
+            for k in 0..12 {
+                s.set_pose_input(k % 3, 2, 1.0);
+            }
+            for _ in 0..3000 {
+                s.step(1e-3).unwrap();
+            }
+            let model = s.model().clone();
+            let reference = tissue::reference::solve(&model, true).unwrap();
+            assert!(reference.residual < 1e-10 && reference.minimum_volume_ratio > 0.3);
+            let (mut off, mut most) = (0.0f64, 0.0f64);
+            for (scene_node, node) in model.node.iter().enumerate() {
+                let i = *node as usize;
+                if i < model.parts.moving && s.state().live.star_count[i] > 0 {
+                    let u = Vec3::from(reference.displacement[scene_node]);
+                    off = off.max((s.state().displacement[i].xyz() - u).norm());
+                    most = most.max(u.norm());
+                }
+            }
+            println!(
+                "{law} {kind}: {:.1e}, {} corrections, least {}",
+                off / most,
+                reference.iterations,
+                reference.minimum_volume_ratio
+            );
+            assert!(off < 1e-6 * most);
+            let mut start =
+                common::simulation(&text.replacen('{', r#"{"start": "equilibrium","#, 1));
+            let before = start.state().displacement.clone();
+            for k in 0..90 {
+                start.set_pose_input(k % 3, 2, 1.0);
+                start.step(1e-3).unwrap();
+            }
+            for (a, b) in before.iter().zip(&start.state().displacement) {
+                assert!((a.xyz() - b.xyz()).norm() < 1e-8);
+            }
+        }
+    }
+}
