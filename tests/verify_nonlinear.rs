@@ -2,8 +2,11 @@
 
 mod common;
 
+use std::collections::HashMap;
+
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3};
 use tissue::element::constant_strain::Shape;
+use tissue::element::nodal_averaged::NodalAveraged;
 use tissue::element::tetrahedra::{Tetrahedra, force};
 use tissue::law::linear::Hooke;
 use tissue::law::response::Law;
@@ -47,6 +50,19 @@ impl Bar {
     fn elements(&self, law: Law) -> Tetrahedra {
         Tetrahedra::new(law, &self.tetrahedra, |t| {
             Some((&self.shape[t], &self.material[t]))
+        })
+    }
+
+    fn averaged(&self, law: Law) -> NodalAveraged {
+        NodalAveraged::new(law, 0.3, &self.tetrahedra, |t| {
+            let number = self.material[..t]
+                .iter()
+                .position(|m| *m == self.material[t]);
+            Some((
+                &self.shape[t],
+                &self.material[t],
+                number.unwrap_or(t) as u32,
+            ))
         })
     }
 
@@ -402,6 +418,105 @@ fn tissue_settles_where_newtons_method_says() {
             for (a, b) in before.iter().zip(&start.state().displacement) {
                 assert!((a.xyz() - b.xyz()).norm() < 1e-8);
             }
+        }
+    }
+}
+
+/// W by its definition, tetrahedron by tetrahedron.
+fn averaged_energy(bar: &Bar, law: Law, c: f64, u: &[Lane]) -> f64 {
+    let mut points: HashMap<(u32, usize), (f64, Matrix3<f64>)> = HashMap::new();
+    let mut energy = 0.0;
+    for (t, nodes) in bar.tetrahedra.iter().enumerate() {
+        let (shape, material) = (&bar.shape[t], &bar.material[t]);
+        let g =
+            shape.deformation_gradient(&nodes.map(|v| u[v as usize].xyz())) - Matrix3::identity();
+        energy += 0.5 * c * material.mu * shape.volume * g.norm_squared();
+        let number = bar.material.iter().position(|m| m == material).unwrap();
+        for v in nodes {
+            let point = points.entry((*v, number)).or_default();
+            point.0 += shape.volume / 4.0;
+            point.1 += g * (shape.volume / 4.0);
+        }
+    }
+    for ((_, number), (volume, sum)) in points {
+        let (material, g) = (&bar.material[number], sum / volume);
+        energy += volume * law.energy(material, &(g + Matrix3::identity()));
+        energy -= 0.5 * c * material.mu * volume * g.norm_squared();
+    }
+    energy
+}
+
+#[test]
+fn nodal_averaged_forces_are_those_of_their_energy() {
+    for law in LAWS {
+        for fibres in [false, true] {
+            let bar = Bar::new(fibres);
+            let elements = bar.averaged(law);
+            let u = bar.displaced(1.0);
+            let mut fast = vec![Lane::default(); u.len()];
+            let (energy, _) = elements.add_forces(&u, &mut fast);
+            let mut plain = fast.iter().map(|_| Lane::default()).collect::<Vec<_>>();
+            let (plain_energy, _) = elements.add_forces_plain(&u, &mut plain);
+            let scale = largest(&fast);
+            assert!((energy / plain_energy - 1.0).abs() < 1e-12);
+            assert!((energy / averaged_energy(&bar, law, 0.3, &u) - 1.0).abs() < 1e-12);
+            let (mut sum, mut moment) = (Vec3::zeros(), Vec3::zeros());
+            for i in 0..u.len() {
+                assert!((fast[i].xyz() - plain[i].xyz()).norm() < 1e-12 * scale);
+                assert!((fast[i].xyz() - elements.node_force(i, &u)).norm() < 1e-12 * scale);
+                sum += fast[i].xyz();
+                moment += (bar.nodes[i] + u[i].xyz()).cross(&fast[i].xyz());
+            }
+            assert!(sum.norm() < 1e-12 * scale && moment.norm() < 1e-12 * scale);
+            for k in (0..u.len()).step_by(23) {
+                for axis in 0..3 {
+                    let at = |h: f64| {
+                        let mut moved = u.clone();
+                        moved[k].0[axis] += h;
+                        averaged_energy(&bar, law, 0.3, &moved)
+                    };
+                    let h = 2e-5;
+                    let slope = (8.0 * (at(h) - at(-h)) - at(2.0 * h) + at(-2.0 * h)) / (12.0 * h);
+                    let off = (slope - fast[k].0[axis]).abs();
+                    assert!(
+                        off < 1e-9 * scale,
+                        "{law:?} {k} {axis}: {off:e} of {scale:e}"
+                    );
+                }
+            }
+            // The tangent along a direction.
+            let way = Bar::new(fibres).displaced(0.7);
+            let mut product = vec![Vec3::zeros(); u.len()];
+            for (i, j, block) in elements.tangent(&u) {
+                product[i] += block * way[j].xyz();
+                if i != j {
+                    product[j] += block.tr_mul(&way[i].xyz());
+                }
+            }
+            let at = |h: f64| {
+                let moved: Vec<Lane> = (u.iter().zip(&way))
+                    .map(|(u, d)| Lane::from(u.xyz() + d.xyz() * h))
+                    .collect();
+                let mut f = vec![Lane::default(); u.len()];
+                elements.add_forces(&moved, &mut f);
+                f
+            };
+            let h = 1e-3;
+            let [a, b, c, d] = [h, -h, 2.0 * h, -2.0 * h].map(at);
+            let most = product.iter().map(|p| p.norm()).fold(0.0, f64::max);
+            for i in 0..u.len() {
+                let slope =
+                    ((a[i].xyz() - b[i].xyz()) * 8.0 - c[i].xyz() + d[i].xyz()) / (12.0 * h);
+                assert!((slope - product[i]).norm() < 1e-9 * most);
+            }
+            // A linear field has no variance, a rotation no force.
+            let turn = Rotation3::new(Vec3::new(1.5, -0.7, 2.0));
+            let turned: Vec<Lane> = (bar.nodes.iter())
+                .map(|x| Lane::from(turn * x - x + Vec3::repeat(0.02)))
+                .collect();
+            let mut none = vec![Lane::default(); u.len()];
+            let (rest, _) = elements.add_forces(&turned, &mut none);
+            assert!(largest(&none) < 1e-12 * scale && rest.abs() < 1e-12 * energy);
         }
     }
 }
