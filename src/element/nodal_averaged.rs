@@ -318,22 +318,29 @@ impl NodalAveraged {
     pub fn node_force(&self, i: usize, u: &[Lane]) -> Vec3 {
         let node = i as u32;
         let mut sum = Vec3::zeros();
-        let mut near: Vec<u32> = Vec::new();
-        for p in self.points_of(node) {
+        let own = self.points_of(node);
+        for p in own.clone() {
             for at in self.row(p) {
                 let other = self.column[at];
                 sum += (u[other as usize].xyz() - u[i].xyz()) * self.entry[at].0[3];
-                if !near.contains(&other) {
-                    near.push(other);
+                // A neighbour in several materials counts once.
+                let seen = |before: usize| self.column[self.row(before)].contains(&other);
+                if !(own.start..p).any(seen) {
+                    sum += self.pull_of(other, node, u);
                 }
             }
         }
-        for p in near.into_iter().flat_map(|v| self.points_of(v)) {
+        sum
+    }
+
+    /// What the points of a vertex do to another.
+    fn pull_of(&self, from: u32, node: u32, u: &[Lane]) -> Vec3 {
+        let mut sum = Vec3::zeros();
+        for p in self.points_of(from) {
             if let Some(at) = self.row(p).find(|at| self.column[*at] == node) {
                 let g = self.gradient(p, u);
-                let stress = self
-                    .law
-                    .stress(&self.material[p], &(Matrix3::identity() + g));
+                let f = Matrix3::identity() + g;
+                let stress = self.law.stress(&self.material[p], &f);
                 sum += (stress - g * self.hourglass(p)) * self.d(at);
             }
         }

@@ -28,8 +28,8 @@ use crate::mesh::topology::{Face, NONE, Topology};
 use crate::mesh::{self, MeshError, TetMesh, Vec3};
 use crate::pieces::{Pieces, Tissue, free_modes};
 use crate::scene::{
-    Connection, CutRule, Elasticity, InterfaceMass, ModelKind, ModelSettings, OutputVertices,
-    Scene, SceneError, Scheme, Selector, Start, ToolKind, select_tetrahedra,
+    Connection, CutRule, Elasticity, Element, InterfaceMass, ModelKind, ModelSettings,
+    OutputVertices, Scene, SceneError, Scheme, Selector, Start, ToolKind, select_tetrahedra,
 };
 use crate::star::Worklist;
 use crate::statics::StaticsError;
@@ -405,13 +405,17 @@ impl Model {
             let (bound, rest) = (Springs::tangent_bound, Springs::tangent_at_rest);
             (bound(springs, &self.pattern), rest(springs, &self.pattern))
         });
-        let at_rest = match springs {
-            Some(_) => Tensors::default(),
+        let (pattern, at_rest) = match springs {
+            Some(_) => Default::default(),
             None => live.tangent_at_rest(self),
+        };
+        let at_rest = Stiffness {
+            pattern: &pattern,
+            ..self.stiffness(&at_rest)
         };
         let (stiffest, stiffness) = match &springs {
             Some((bound, rest)) => (self.stiffness(bound), self.stiffness(rest)),
-            None => (self.stiffness(&at_rest), self.stiffness(&at_rest)),
+            None => (at_rest, at_rest),
         };
         let highest = spectrum::highest(stiffest, mass, free);
         let lowest = if moving <= DIRECT_NODES {
@@ -507,6 +511,16 @@ impl Model {
             .iter()
             .map(|m| law.stiffening(&m.law, extent));
         each.fold(1.0, f64::max)
+    }
+
+    /// Whether a vertex has one deformation gradient for all its tetrahedra.
+    pub fn is_averaged(&self) -> bool {
+        self.law().is_some() && self.scene.model.element != Some(Element::ConstantStrain)
+    }
+
+    /// Of tetrahedron `t`, among the scene's materials.
+    pub(crate) fn material_number(&self, t: usize) -> u32 {
+        self.material_of[t]
     }
 
     /// Whether a tetrahedron's energy is a quadratic form: then schemes' accounts close to round-off.
