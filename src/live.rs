@@ -444,8 +444,43 @@ impl LiveMesh {
         }
     }
 
+    /// W \[J\] and the power of its forces \[W\] at these nodes: of averaged elements, where a tetrahedron has none of
+    /// its own.
+    pub(crate) fn share(&self, nodes: &[u32], u: &[Lane], v: &[Lane]) -> (f64, f64) {
+        let mut sum = (0.0, 0.0);
+        if let Some(Elements::NodalAveraged(own, _)) = &self.elements {
+            for node in nodes {
+                let (energy, power) = own.share(*node, u, v);
+                sum = (sum.0 + energy, sum.1 + power);
+            }
+        }
+        sum
+    }
+
+    /// The points of averaged elements at a node.
+    fn sum_points(&mut self, model: &Model, node: u32) {
+        let Some(Elements::NodalAveraged(mut own, each)) = self.elements.take() else {
+            return;
+        };
+        let star = model.topology.star(self.origin(node) as usize).iter();
+        let left = star.filter(|t| self.alive[**t as usize] && model.parts.dynamic[**t as usize]);
+        let tissue = left.map(|t| {
+            let t = *t as usize;
+            (
+                &self.tetrahedra[t],
+                &model.shape[t],
+                model.material_number(t),
+            )
+        });
+        own.sum_again(node, model.scene.model.hourglass, tissue);
+        self.elements = Some(Elements::NodalAveraged(own, each));
+    }
+
     /// The tensor of a node, of those of its edges; its mass.
     fn sum_node(&mut self, model: &Model, node: usize) {
+        if model.is_averaged() {
+            self.sum_points(model, node as u32);
+        }
         if !self.is_objective() {
             let pattern = self.pattern.as_deref().unwrap_or(&model.pattern);
             self.tensors.close(pattern, node);

@@ -45,6 +45,10 @@ impl Elements {
     /// Keeps the room that there is.
     pub(crate) fn copy_from(&mut self, other: &Elements) {
         self.tetrahedra_mut().copy_from(other.tetrahedra());
+        if let (Elements::NodalAveraged(own, _), Elements::NodalAveraged(other, _)) = (self, other)
+        {
+            own.copy_from(other);
+        }
     }
 
     pub fn bytes(&self) -> usize {

@@ -57,7 +57,17 @@ pub struct NodalAveraged {
     start: Vec<u32>,
     column: Vec<u32>,
     entry: Vec<Entry>,
+    /// A point each: its material, and what the scene counts that as.
     material: Vec<Hooke>,
+    number: Vec<u32>,
+}
+
+/// What a tetrahedron adds to its corner j for its corner k.
+fn entry(shape: &Shape, material: &Hooke, c: f64, j: usize, k: usize) -> Entry {
+    let d = shape.gradient[k] * (shape.volume / 4.0);
+    let l = shape.volume * shape.gradient[j].dot(&shape.gradient[k]);
+    let l = if j == k { 0.0 } else { c * material.mu * l };
+    Entry([d.x, d.y, d.z, l])
 }
 
 impl NodalAveraged {
@@ -79,10 +89,7 @@ impl NodalAveraged {
             for (j, node) in nodes.iter().enumerate() {
                 volumes.push((*node, number, quarter, *material));
                 for (k, other) in nodes.iter().enumerate() {
-                    let d = shape.gradient[k] * quarter;
-                    let l = shape.volume * shape.gradient[j].dot(&shape.gradient[k]);
-                    let l = if j == k { 0.0 } else { c * material.mu * l };
-                    pairs.push((*node, number, *other, Entry([d.x, d.y, d.z, l])));
+                    pairs.push((*node, number, *other, entry(shape, material, c, j, k)));
                 }
             }
         }
@@ -98,10 +105,12 @@ impl NodalAveraged {
             column: Vec::new(),
             entry: Vec::new(),
             material: Vec::new(),
+            number: Vec::new(),
         };
         for point in volumes.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
             let volume: f64 = point.iter().map(|p| p.2).sum();
             made.add_point(point[0].0, volume, &point[0].3, c);
+            made.number.push(point[0].1);
         }
         let points = pairs.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1));
         for point in points {
@@ -337,7 +346,8 @@ impl NodalAveraged {
     fn pull_of(&self, from: u32, node: u32, u: &[Lane]) -> Vec3 {
         let mut sum = Vec3::zeros();
         for p in self.points_of(from) {
-            if let Some(at) = self.row(p).find(|at| self.column[*at] == node) {
+            let at = self.row(p).find(|at| self.column[*at] == node);
+            if let Some(at) = at.filter(|_| self.volume(p) > 0.0) {
                 let g = self.gradient(p, u);
                 let f = Matrix3::identity() + g;
                 let stress = self.law.stress(&self.material[p], &f);
@@ -347,10 +357,73 @@ impl NodalAveraged {
         sum
     }
 
+    /// W \[J\] of a vertex's points, and the power of their forces at velocities v \[W\]. An edge counts by half at
+    /// either end.
+    pub(crate) fn share(&self, node: u32, u: &[Lane], v: &[Lane]) -> (f64, f64) {
+        let (mut energy, mut power) = (0.0, 0.0);
+        let i = node as usize;
+        for p in self.points_of(node).filter(|p| self.volume(*p) > 0.0) {
+            let (g, rate) = (self.gradient(p, u), self.gradient(p, v));
+            let (volume, c) = (self.volume(p), self.hourglass(p));
+            let f = Matrix3::identity() + g;
+            let stress = self.law.stress(&self.material[p], &f) - g * c;
+            energy += volume * self.law.energy(&self.material[p], &f);
+            energy -= 0.5 * c * volume * g.norm_squared();
+            power += volume * stress.component_mul(&rate).sum();
+            for at in self.row(p) {
+                let k = self.column[at] as usize;
+                let (w, apart) = (u[k].xyz() - u[i].xyz(), v[k].xyz() - v[i].xyz());
+                energy -= 0.25 * self.entry[at].0[3] * w.norm_squared();
+                power -= 0.5 * self.entry[at].0[3] * w.dot(&apart);
+            }
+        }
+        (energy, power)
+    }
+
+    /// Sums the points of a vertex again over what is left of its star, in the order of a fresh start: `star` gives nodes, shape and
+    /// number of the material.
+    pub(crate) fn sum_again<'a>(
+        &mut self,
+        node: u32,
+        c: f64,
+        star: impl Iterator<Item = (&'a [u32; 4], &'a Shape, u32)> + Clone,
+    ) {
+        for p in self.points_of(node) {
+            let row = self.row(p);
+            for entry in &mut self.entry[row.clone()] {
+                *entry = Entry::default();
+            }
+            let (material, number) = (self.material[p], self.number[p]);
+            let mut volume = 0.0;
+            for (nodes, shape, _) in star.clone().filter(|(.., own)| *own == number) {
+                volume += shape.volume / 4.0;
+                let own = nodes.iter().position(|v| *v == node).unwrap_or(0);
+                for (k, other) in nodes.iter().enumerate() {
+                    let Some(at) = row.clone().find(|at| self.column[*at] == *other) else {
+                        continue;
+                    };
+                    let Entry(add) = entry(shape, &material, c, own, k);
+                    for (sum, add) in self.entry[at].0.iter_mut().zip(add) {
+                        *sum += add;
+                    }
+                }
+            }
+            let (group, lane) = (&mut self.group[p / 4], p % 4);
+            group.volume[lane] = volume;
+            group.inverse[lane] = if volume > 0.0 { 1.0 / volume } else { 0.0 };
+        }
+    }
+
+    /// Keeps the room that there is.
+    pub(crate) fn copy_from(&mut self, other: &NodalAveraged) {
+        self.group.clone_from(&other.group);
+        self.entry.clone_from(&other.entry);
+    }
+
     /// Second derivatives of W \[N/m\]: parts (i, j, block) of the upper half.
     pub fn tangent(&self, u: &[Lane]) -> Vec<(usize, usize, Matrix3<f64>)> {
         let mut entries = Vec::new();
-        for p in 0..self.material.len() {
+        for p in (0..self.material.len()).filter(|p| self.volume(*p) > 0.0) {
             let f = Matrix3::identity() + self.gradient(p, u);
             let (volume, c) = (self.volume(p), self.hourglass(p));
             let own = self.node[p] as usize;

@@ -455,7 +455,16 @@ impl Model {
                         let rest = self.rest_positions(t);
                         spring_mass::largest_eigenvalue(law, shape.volume, &rest, *density)
                     }
-                    _ => shape.largest_eigenvalue(law, *density),
+                    _ => {
+                        let own = shape.largest_eigenvalue(law, *density);
+                        // Means are below what they are taken of; the hourglass term comes on top.
+                        let hourglass = match self.is_averaged() {
+                            true => self.scene.model.hourglass * law.mu,
+                            false => 0.0,
+                        };
+                        let gradients: f64 = shape.gradient.iter().map(|a| a.norm_squared()).sum();
+                        own + hourglass * gradients * 4.0 / density
+                    }
                 }
             })
             .fold(0.0, f64::max)
@@ -479,6 +488,8 @@ impl Model {
             ModelKind::SpringMass => {
                 spring_mass::tetrahedron_force(law, shape.volume, &self.rest_positions(t), u)
             }
+            // Its energy is that of its vertices.
+            _ if self.is_averaged() => Default::default(),
             _ => match self.law() {
                 None => {
                     let force = shape.linear_force(law, u);

@@ -16,9 +16,6 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     });
     let pressed = element == Element::NodalPressure;
     let averaged = element == Element::NodalAveraged;
-    let cut = !scene.cuts.is_empty()
-        || scene.tearing.is_some()
-        || scene.tools.iter().any(|t| t.kind == ToolKind::Cautery);
     let format = match &scene.mesh {
         MeshSource::File { file, .. } => extension(file),
         _ => "msh",
@@ -36,7 +33,7 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
         (model.incompressibility != 0.0, text("model.incompressibility"), text("a volume penalty"), "use 0"),
         (pressed, text("model.element"), word(&element), if nonlinear {"use nodalAveraged"} else {"use constantStrain"}),
         (averaged && !nonlinear, text("model.element"), format!("{} with linear elasticity", word(&element)), "use constantStrain"),
-        (averaged && cut, text("model.element"), format!("{} in a scene that is cut", word(&element)), "use constantStrain"),
+        (averaged && scene.cutting.rule == CutRule::Duplicate, text("cutting.rule"), format!("duplicate with {}", word(&element)), "use remove"),
         (!format.eq_ignore_ascii_case("msh"), text("mesh.file"), format!("the mesh format .{format}"), "use .msh"),
     ];
     for (i, tool) in scene.tools.iter().enumerate() {
