@@ -1,4 +1,4 @@
-"""Sparse Cholesky factor: nested dissection of a mesh (George 1973), dense fronts (Duff, Reid 1983).
+"""Sparse Cholesky factor: dissection of a mesh (George 1973), dense fronts (Duff, Reid 1983).
 
 scipy has neither a Cholesky factor nor a dissection; its LU needs far more memory and time.
 """
@@ -14,7 +14,7 @@ QUANTILES = (0.4, 0.45, 0.5, 0.55, 0.6)
 
 
 def separated(points, graph, nodes):
-    """Low, high and the separator between them, the smallest of some cuts across the longest side."""
+    """Low, high and what separates them, the smallest of some cuts across the longest side."""
     axis = np.argmax(np.ptp(points[nodes], axis=0))
     along = points[nodes, axis]
     best = None
@@ -31,7 +31,7 @@ def separated(points, graph, nodes):
 
 
 def dissect(points, graph, nodes):
-    """Fronts (nodes to eliminate, numbers of the fronts before them), each after its own children."""
+    """Fronts (nodes to eliminate, numbers of the fronts below), each after its children."""
     fronts = []
 
     def visit(nodes):
@@ -94,7 +94,7 @@ class Factor:
             below = np.asfortranarray(below)
             if below.size:
                 rest = np.asfortranarray(dense[p:, p:])
-                passed[number] = dgemm(-1.0, below, below, 1.0, rest, trans_b=True, overwrite_c=True)
+                passed[number] = dgemm(-1, below, below, 1, rest, trans_b=True, overwrite_c=True)
             self.panels.append((corner, below))
 
     @property
@@ -127,5 +127,5 @@ def gathered(matrix, front, children):
     for child, rest in children:
         if rest is not None:
             where = np.searchsorted(front.rows, child.rows[child.pivots:])
-            dense[where[:, None], where] += rest
+            dense.T[where[:, None], where] += rest.T
     return dense

@@ -133,7 +133,7 @@ def smith(lam, mu):
 def neo_hookean_energy(F, lam, mu):
     """mu'/2 (I_C - 3 - log((I_C + 1)/4)) + lam'/2 (J - alpha)^2, less its value at F = I.
 
-    Smith, de Goes and Kim 2018, equation 14.
+    Smith, de Goes and Kim 2018.
     """
     mu, lam, alpha = smith(lam, mu)
     square_sum, J = square(F), determinant(F)

@@ -1,4 +1,4 @@
-"""Static equilibrium of hyperelastic tetrahedra by Newton's method: shares no code with the product.
+"""Equilibrium of hyperelastic tetrahedra by Newton's method: shares no code with the product.
 
 The mesh says which element: four nodes a tetrahedron are constant strain, ten (from `quadratic`)
 are quadratic with straight sides. Total Lagrangian; loads are dead.
@@ -88,7 +88,7 @@ def quadratic(nodes, tetrahedra):
 
 
 def shape_slopes(order):
-    """dN_a / d(barycentric coordinate k) at each point (points x a x k), and the points' weights."""
+    """dN_a / d(barycentric coordinate k), points x a x k, and the points' weights."""
     if order == 1:
         return np.eye(4)[None], np.ones(1)
     x, weight = get_quadrature(RefTet, DEGREE)
@@ -135,7 +135,7 @@ class Body:
 
     @property
     def noise(self):
-        """Size of the rounding in `force` [N]: stress is a difference of numbers like the moduli."""
+        """Rounding in `force` [N]: stress is a difference of numbers like the moduli."""
         moduli = np.abs(self.material.lam) + 2 * self.material.mu + np.abs(self.material.kap)
         areas = np.einsum("tq,tqaJ->taJ", self.weight, np.abs(self.gradient))
         return 4 * np.finfo(float).eps * np.linalg.norm(moduli[:, None, None] * areas)
@@ -243,9 +243,9 @@ class Tangent:
 class Statics:
     """A body, its supports and its loads; `load` is the share of them that acts."""
 
-    def __init__(self, body, held, value, force, tolerance):
+    def __init__(self, body, held, value, force, tolerance, floor):
         self.body, self.value, self.external = body, value, force
-        self.held, self.tolerance = held, tolerance
+        self.held, self.tolerance, self.floor = held, tolerance, floor
         self.free = ~held & body.used[:, None]
         self.tangent = Tangent(body, self.free) if self.free.any() else None
         self.noise = body.noise
@@ -275,7 +275,7 @@ class Statics:
         """Displacement under `load` and the relative residual, from the displacement under less."""
         jump = np.where(self.held, load * self.value - u, 0)
         u = u + jump + self.direction(u, self.lack(u, load)[0], jump)
-        if self.body.volume_ratio(u) <= 0:
+        if self.body.volume_ratio(u) <= self.floor:
             raise NoEquilibrium("the first step inverts a tetrahedron")
         for _ in range(30):
             lack, relative = self.lack(u, load)
@@ -284,15 +284,22 @@ class Statics:
             u = self.search(u, self.direction(u, lack), lack, load)
         raise NoEquilibrium(f"the residual stays at {relative:.1e}")
 
+    def attempt(self, u):
+        """The same under the whole load, or None."""
+        try:
+            return self.equilibrium(u, 1.0)
+        except NoEquilibrium:
+            return None
+
     def potential(self, u, load):
         return self.body.energy(u) - load * np.sum(self.external * u)
 
     def search(self, u, direction, lack, load):
-        """Along the direction, until the residual or the potential falls and nothing is inverted."""
+        """Along the direction, until residual or potential falls and nothing is inverted."""
         start, slope = self.potential(u, load), -np.sum(lack * direction)
         for share in SHARES:
             trial = u + share * direction
-            if self.body.volume_ratio(trial) <= 0:
+            if self.body.volume_ratio(trial) <= self.floor:
                 continue
             if np.linalg.norm(self.lack(trial, load)[0]) < 0.9 * np.linalg.norm(lack):
                 return trial
@@ -301,27 +308,39 @@ class Statics:
         raise NoEquilibrium("no step along the search direction helps")
 
 
-def solve(nodes, tetrahedra, material, held, value=None, force=None, steps=1, tolerance=1e-10):
-    """Static equilibrium; loads and prescribed displacements come on in `steps`, halved as needed.
-
-    `held`: n x 3 of bool; `value`: n x 3, displacement where held; `force`: n x 3 [N]. Nodes
-    without tetrahedra stay. Raises NoEquilibrium.
-    """
-    body = Body(nodes, tetrahedra, material)
-    zero = np.zeros(nodes.shape)
-    value = zero if value is None else np.where(held, value, 0)
-    statics = Statics(body, held, value, zero if force is None else force, tolerance)
-    u, residual, load, step = zero, 0.0, 0.0, 1 / steps
+def brought_on(statics, u, steps, smallest):
+    """Equilibrium under the whole load, from the displacement u under none."""
+    load, step, residual = 0.0, 1 / steps, 0.0
     while load < 1:
         target = 1.0 if load + step > 1 - 1e-9 else load + step
         try:
             u, residual = statics.equilibrium(u, target)
         except NoEquilibrium:
             step /= 2
-            if step < 1e-3 / steps:
+            if step < smallest / steps:
                 raise
         else:
             load = target
-    reaction = np.where(held & body.used[:, None], body.force(u) - statics.external, 0)
+    return u, residual
+
+
+def solve(nodes, tetrahedra, material, held, value=None, force=None, steps=1, tolerance=1e-10,
+          smallest=1e-3, start=None, floor=0.0):
+    """Static equilibrium; loads and prescribed displacements come on in `steps`, halved as needed.
+
+    `held`: n x 3 of bool; `value`: n x 3, displacement where held; `force`: n x 3 [N]. Nodes
+    without tetrahedra stay. `smallest`: share of a step under which it gives up, with
+    NoEquilibrium. `start`: a displacement near the answer, tried first. `floor`: what det F stays
+    above at every point; -inf lets tetrahedra invert, for a law that is made for it.
+    """
+    body = Body(nodes, tetrahedra, material)
+    zero = np.zeros(nodes.shape)
+    value = zero if value is None else np.where(held, value, 0)
+    force = zero if force is None else force
+    statics = Statics(body, held, value, force, tolerance, floor)
+    found = None if start is None else statics.attempt(start)
+    u, residual = found or brought_on(statics, zero, steps, smallest)
+    reaction = np.where(held & body.used[:, None], body.force(u) - force, 0)
     u = np.where(body.used[:, None], u, 0)
-    return Solution(u, reaction, body.volume_ratio(u), residual, statics.iterations, body.energy(u))
+    ratio, energy = body.volume_ratio(u), body.energy(u)
+    return Solution(u, reaction, ratio, residual, statics.iterations, energy)

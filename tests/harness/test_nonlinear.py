@@ -190,7 +190,7 @@ def test_affine_boundary_gives_a_homogeneous_deformation(law, order):
 
 
 def test_no_state_with_inverted_tetrahedra():
-    """25 times its weight ends a slab alike in one step and in eight; under 30 times it collapses."""
+    """25 times its weight in one step or in eight is the same; 30 times are refused."""
     nodes, tetrahedra = box(1)
     held = np.repeat(np.abs(nodes[:, 2:]) < 1e-12, 3, axis=1)
     problem = nodes, tetrahedra, Material.engineering("stableNeoHookean", 6e3, 0.3), held
