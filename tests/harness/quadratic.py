@@ -2,10 +2,12 @@
 
     OMP_NUM_THREADS=1 python tests/harness/quadratic.py [study ...]
 
+Prints each mesh's force (torque) and energy, and the limit by Richardson's extrapolation of the last
+three; writes quadratic.csv, keeping the rows of studies not asked for.
+
 Stress has no bound along the edges of a grip, and there a neo-Hookean point may invert however fine
 the mesh; the law is made for that, so it is let, and the table shows the smallest det F. St
-Venant-Kirchhoff's is not, and the ladder ends where it has no equilibrium. Prints each mesh's force (torque) and energy, and the limit by Richardson's extrapolation of the last
-three; writes quadratic.csv, keeping the rows of studies not asked for.
+Venant-Kirchhoff's is not, and the ladder ends where it has no equilibrium.
 """
 
 import csv
@@ -77,7 +79,8 @@ def limits(study, law, poisson):
         limit, error = extrapolated(levels, [row[k] for row in rows])
         print(f"  {quantity}: {limit:.6g}, error about {100 * error:.2g} %")
         used = " ".join(map(str, levels))
-        table.append([study.name, str(poisson), law, quantity, f"{limit:.6g}", used, f"{error:.1e}"])
+        found = [quantity, f"{limit:.6g}", used, f"{error:.1e}"]
+        table.append([study.name, str(poisson), law, *found])
     return table
 
 

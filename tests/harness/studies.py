@@ -22,7 +22,7 @@ TINY = 1e-9
 
 @dataclass(frozen=True)
 class Grip:
-    """Nodes of the face `axis` = `at`, in a window of the other axes, and how they move (nan: free)."""
+    """Nodes of the plane `axis` = `at`, in a window of other axes; how they move (nan: free)."""
 
     axis: int
     at: float
@@ -146,7 +146,7 @@ class Study:
         return way * reaction[mine, self.along].sum()
 
     def oracle(self, level, law, poisson, order=2, mesh=None, **options):
-        """The oracle's force or torque and energy of the whole, on its own mesh or on a whole one."""
+        """Force or torque and energy of the whole, on the oracle's own mesh or on a whole one."""
         nodes, tetrahedra = mesh or self.graded(level)
         if order == 2:
             nodes, tetrahedra = quadratic(nodes, tetrahedra)
@@ -157,7 +157,7 @@ class Study:
         return share * force, share * found.energy, found
 
     def problem(self, level, law, poisson, pattern=meshes.five, **model):
-        """The product's scene, `.scene`, of the whole body; `model`: element, hourglass and the like."""
+        """The product's scene (`.scene`) of the whole; `model`: element, hourglass and the like."""
         problem = Problem(self.name, self.mesh(level, pattern), gravity=[0.0, 0.0, 0.0])
         problem.tissue.poisson = np.full(len(problem.tetrahedra), poisson)
         problem.scene["materials"][0] |= {"youngModulus": YOUNG, "poissonRatio": poisson}
@@ -167,9 +167,11 @@ class Study:
             if not np.any(moves):
                 problem.fix(nodes)
                 continue
+            moves = np.where(np.isnan(moves), np.inf, moves)
             for move in np.unique(moves, axis=0):
-                alike = np.all((moves == move) | (np.isnan(moves) & np.isnan(move)), axis=1)
-                problem.prescribe(nodes[alike], [None if np.isnan(x) else float(x) for x in move])
+                alike = np.all(moves == move, axis=1)
+                way = [float(x) if np.isfinite(x) else None for x in move]
+                problem.prescribe(nodes[alike], way)
         return problem
 
 
