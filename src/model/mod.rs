@@ -47,6 +47,10 @@ use tensor_mass::{Pattern, Tensors};
 /// ones are iterated on.
 const DIRECT_NODES: usize = 12_000;
 
+/// Averaged elements compute with no larger ratio: from there to 0.5 forces change by a few per cent, and what they
+/// still lock by grows, as does the number of substeps.
+pub const MOST_POISSON_RATIO: f64 = 0.49;
+
 /// Elementary deformations of all that tools could touch are computed unasked up to so much memory.
 const MOST_ELEMENTARY_BYTES: usize = 500_000_000;
 
@@ -505,11 +509,7 @@ impl Model {
 
     /// Of the dynamic tetrahedra, where it is not the linear one.
     pub fn law(&self) -> Option<Law> {
-        match (self.scene.model.kind, self.scene.model.elasticity) {
-            (ModelKind::SpringMass, _) | (_, Elasticity::Linear) => None,
-            (_, Elasticity::StVenantKirchhoff) => Some(Law::StVenantKirchhoff),
-            (_, Elasticity::StableNeoHookean) => Some(Law::StableNeoHookean),
-        }
+        law(&self.scene)
     }
 
     /// Bound of the largest eigenvalue of M^-1 K of tissue so deformed, relative to that at rest.
@@ -526,7 +526,7 @@ impl Model {
 
     /// Whether a vertex has one deformation gradient for all its tetrahedra.
     pub fn is_averaged(&self) -> bool {
-        self.law().is_some() && self.scene.model.element != Some(Element::ConstantStrain)
+        is_averaged(&self.scene)
     }
 
     /// Of tetrahedron `t`, among the scene's materials.
@@ -658,6 +658,18 @@ fn chosen(
     select_tetrahedra(selector, mesh).map_err(|e| SceneError::at(file, path, e))
 }
 
+fn law(scene: &Scene) -> Option<Law> {
+    match (scene.model.kind, scene.model.elasticity) {
+        (ModelKind::SpringMass, _) | (_, Elasticity::Linear) => None,
+        (_, Elasticity::StVenantKirchhoff) => Some(Law::StVenantKirchhoff),
+        (_, Elasticity::StableNeoHookean) => Some(Law::StableNeoHookean),
+    }
+}
+
+fn is_averaged(scene: &Scene) -> bool {
+    law(scene).is_some() && scene.model.element != Some(Element::ConstantStrain)
+}
+
 fn assign_materials(
     scene: &Scene,
     mesh: &TetMesh,
@@ -674,7 +686,11 @@ fn assign_materials(
         )? {
             of[t as usize] = k as u32;
         }
-        let mut law = Hooke::new(material.young_modulus, material.poisson_ratio);
+        let most = match is_averaged(scene) {
+            true => MOST_POISSON_RATIO,
+            false => 0.5,
+        };
+        let mut law = Hooke::new(material.young_modulus, material.poisson_ratio.min(most));
         if let Some(fibre) = &material.fibre {
             law = law.with_fibre(Vec3::from(fibre.direction), fibre.lambda, fibre.mu);
         }
