@@ -66,6 +66,26 @@ def five(size, cells):
     return oriented(nodes, np.array(tetrahedra))
 
 
+def six(size, cells):
+    """A box, six tetrahedra a cell round its diagonal, mirrored from cell to cell."""
+    nodes, _ = kuhn(size, cells)
+    cell = np.stack(np.meshgrid(*map(np.arange, cells), indexing="ij"), -1).reshape(-1, 3)
+    stride = np.array([(cells[1] + 1) * (cells[2] + 1), cells[2] + 1, 1])
+    start, way = (cell + cell % 2) @ stride, stride * (1 - 2 * (cell % 2))
+    tetrahedra = []
+    for order in permutations(range(3)):
+        walk = np.cumsum(way[:, order], axis=1)
+        tetrahedra.append(start[:, None] + np.insert(walk, 0, 0, axis=1))
+    return oriented(nodes, np.concatenate(tetrahedra))
+
+
+def on_lines(mesh, lines):
+    """A box of unit cells, its planes moved to these coordinates along each axis."""
+    nodes, tetrahedra = mesh
+    cell = np.rint(nodes).astype(int)
+    return np.stack([np.asarray(lines[k])[cell[:, k]] for k in range(3)], axis=1), tetrahedra
+
+
 def tensor(size, cells):
     """A box by scikit-fem's own division of a cell."""
     mesh = MeshTet.init_tensor(*(np.linspace(0, s, n + 1) for s, n in zip(size, cells)))

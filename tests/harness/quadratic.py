@@ -1,0 +1,100 @@
+"""Converged quadratic references for the six studies: slow, run by hand.
+
+    OMP_NUM_THREADS=1 python tests/harness/quadratic.py [study ...]
+
+Prints each mesh's force (torque) and energy, and the limit by Richardson's extrapolation of the last
+three; writes quadratic.csv, keeping the rows of studies not asked for.
+
+Stress has no bound along the edges of a grip, and there a neo-Hookean point may invert however fine
+the mesh; the law is made for that, so it is let, and the table shows the smallest det F. St
+Venant-Kirchhoff's is not, and the ladder ends where it has no equilibrium.
+"""
+
+import csv
+import sys
+import time
+from math import inf
+from pathlib import Path
+
+from scipy.optimize import brentq
+
+from nonlinear import NoEquilibrium
+from studies import STUDIES
+
+TABLE = Path(__file__).with_suffix(".csv")
+COLUMNS = ["scene", "nu", "law", "quantity", "value", "levels used", "estimated remaining error"]
+LAWS = ["stableNeoHookean", "stVenantKirchhoff"]
+FLOOR = {"stableNeoHookean": -inf, "stVenantKirchhoff": 0.0}
+RATIOS = [0.45, 0.499]
+
+
+def extrapolated(levels, values):
+    """Limit and relative error from v + C level^-p through the last three.
+
+    Without such a p between 1/2 and 6: the last value. The error is never under a quarter of the
+    last change: a limit is believed to a fraction of itself only.
+    """
+    (a, b, c), (x, y, z) = levels[-3:], values[-3:]
+
+    def miss(p):
+        return (x - y) * (b**-p - c**-p) - (y - z) * (a**-p - b**-p)
+
+    limit = z
+    if (x - y) * (y - z) > 0 and miss(0.5) * miss(6) < 0:
+        p = brentq(miss, 0.5, 6)
+        limit = z + (z - y) * c**-p / (b**-p - c**-p)
+    return limit, max(abs(limit - z) / 2, abs(z - y) / 4 if limit != z else abs(z - y)) / abs(limit)
+
+
+def ladder(study, law, poisson):
+    """(level, force, energy) of each mesh, as far as there is an equilibrium."""
+    rows, options = [], {"smallest": 1 / 8, "tolerance": 1e-8, "floor": FLOOR[law]}
+    for level in study.levels:
+        begun = time.monotonic()
+        if rows:
+            options["start"] = study.carried(found.displacement, rows[-1][0], level)
+        try:
+            force, energy, found = study.oracle(level, law, poisson, **options)
+        except NoEquilibrium as reason:
+            print(f"  {level:>5}  {reason}", flush=True)
+            break
+        rows.append((level, force, energy))
+        print(
+            f"  {level:>5} {found.displacement.size:>7} {force:>12.6f} {1e3 * energy:>12.6f}"
+            f" {found.minimum_volume_ratio:>7.3f} {found.residual:>8.0e} {found.iterations:>4}"
+            f" {time.monotonic() - begun:>6.0f}", flush=True)
+    return rows
+
+
+def limits(study, law, poisson):
+    """Rows of the table."""
+    print(f"{study.name}, nu {poisson}, {law}")
+    print("  level     dof     N or N m           mJ min det residual iterations s")
+    rows = ladder(study, law, poisson)
+    if len(rows) < 3:
+        return []
+    levels = [row[0] for row in rows]
+    table = []
+    for k, quantity in enumerate(["torque" if study.torque else "force", "energy"], 1):
+        limit, error = extrapolated(levels, [row[k] for row in rows])
+        print(f"  {quantity}: {limit:.6g}, error about {100 * error:.2g} %")
+        used = " ".join(map(str, levels))
+        found = [quantity, f"{limit:.6g}", used, f"{error:.1e}"]
+        table.append([study.name, str(poisson), law, *found])
+    return table
+
+
+def main(names):
+    known = list(csv.reader(TABLE.open()))[1:] if TABLE.exists() else []
+    studies = [make() for make in STUDIES if not names or make.__name__ in names]
+    for law in LAWS:
+        for study in studies:
+            for poisson in RATIOS:
+                same = [study.name, str(poisson), law]
+                known = [row for row in known if row[:3] != same] + limits(study, law, poisson)
+                with TABLE.open("w", newline="") as file:
+                    csv.writer(file, lineterminator="\n").writerows([COLUMNS, *known])
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
