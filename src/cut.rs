@@ -14,6 +14,8 @@ pub struct Scratch {
     worklist: Worklist,
     lost: Vec<u32>,
     search: Search,
+    /// Of what has been removed.
+    nodes: Vec<u32>,
     /// A vertex has had to be split when no spare was left.
     pub lacks_spares: bool,
 }
@@ -25,6 +27,7 @@ impl Scratch {
             scratch.worklist.reserve(model);
             scratch.lost.reserve(model.mesh.tetrahedra.len());
             scratch.search = Search::new(model);
+            scratch.nodes.reserve(4 * model.mesh.tetrahedra.len());
         }
         scratch
     }
@@ -71,8 +74,8 @@ pub fn event(
             state.live.cleaned_volume += model.shape[*t as usize].volume;
         }
     }
+    settle(model, state, first, &mut scratch.nodes);
     (state.live).find_pieces(model, first, severs, &mut scratch.search);
-    state.live.settle(model);
     for at in first..state.live.removed.len() {
         for node in state.live.tetrahedra[state.live.removed[at] as usize] {
             state.refresh_node(model, node as usize);
@@ -93,6 +96,29 @@ pub fn event(
         }
     }
     state.account.dissipated -= loose.gained(model, state, before, &scratch.search.changed);
+}
+
+/// Brings forces up to date after removals, those from the `first` on, and books what averaged elements lose. Nodes
+/// of which nothing is left are at rest and let go.
+fn settle(model: &Model, state: &mut State, first: usize, nodes: &mut Vec<u32>) {
+    nodes.clear();
+    let removed = state.live.removed[first..].iter();
+    nodes.extend(removed.flat_map(|t| state.live.tetrahedra[*t as usize]));
+    nodes.sort_unstable();
+    nodes.dedup();
+    let share = |state: &State| (state.live).share(nodes, &state.displacement, &state.velocity);
+    let before = share(state);
+    state.live.settle(model);
+    let after = share(state);
+    let half = 0.5 * state.clock.lag;
+    state.account.dissipated += before.0 - after.0 - half * (before.1 - after.1);
+    for node in nodes.iter() {
+        let i = *node as usize;
+        if state.live.star_count[i] == 0 {
+            state.velocity[i] = Default::default();
+            hold::release(model, state, |held| held.node as usize == i);
+        }
+    }
 }
 
 /// Splits a node for some tetrahedra of its star. Nothing moves; what holds it holds both. None where no spare is left.
@@ -160,10 +186,6 @@ fn remove(model: &Model, state: &mut State, worklist: &mut Worklist, t: u32) -> 
         lost += elastic[k] + 0.5 * mass_gone * v[k].norm_squared()
             - 0.5 * h * v[k].dot(&force_gained)
             - external_gone.dot(&u[k]);
-        if state.live.star_count[i] == 0 {
-            state.velocity[i] = Default::default();
-            hold::release(model, state, |held| held.node as usize == i);
-        }
     }
     // The frame of a loose piece changes: what it loses is found afterwards.
     if !is_loose || state.live.is_objective() {

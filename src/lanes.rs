@@ -23,6 +23,8 @@ pub(crate) trait Four: Copy {
     unsafe fn mul_add(self, b: Self, c: Self) -> Self;
     /// Natural logarithm of positive normal numbers.
     unsafe fn ln(self) -> Self;
+    /// Rows become columns.
+    unsafe fn transpose(rows: [Self; 4]) -> [Self; 4];
     /// Components x, y, z of four nodes.
     unsafe fn gather(from: &[Lane], nodes: [u32; 4]) -> [Self; 3];
     /// Adds x, y, z to those of four nodes, one after the other.
@@ -93,6 +95,11 @@ impl Four for Plain {
     #[inline(always)]
     unsafe fn ln(self) -> Plain {
         Plain(self.0.map(f64::ln))
+    }
+
+    #[inline(always)]
+    unsafe fn transpose(rows: [Plain; 4]) -> [Plain; 4] {
+        std::array::from_fn(|k| Plain(rows.map(|row| row.0[k])))
     }
 
     #[inline(always)]
@@ -214,6 +221,21 @@ mod avx2 {
                     _mm256_set1_pd(std::f64::consts::LN_2),
                     whole,
                 ))
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn transpose(rows: [Avx2; 4]) -> [Avx2; 4] {
+            unsafe {
+                let (a, b, c, d) = (rows[0].0, rows[1].0, rows[2].0, rows[3].0);
+                let (xz_ab, yw_ab) = (_mm256_unpacklo_pd(a, b), _mm256_unpackhi_pd(a, b));
+                let (xz_cd, yw_cd) = (_mm256_unpacklo_pd(c, d), _mm256_unpackhi_pd(c, d));
+                [
+                    Avx2(_mm256_permute2f128_pd::<0x20>(xz_ab, xz_cd)),
+                    Avx2(_mm256_permute2f128_pd::<0x20>(yw_ab, yw_cd)),
+                    Avx2(_mm256_permute2f128_pd::<0x31>(xz_ab, xz_cd)),
+                    Avx2(_mm256_permute2f128_pd::<0x31>(yw_ab, yw_cd)),
+                ]
             }
         }
 

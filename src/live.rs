@@ -2,6 +2,8 @@
 
 use nalgebra::Matrix3;
 
+use crate::element::Elements;
+use crate::element::nodal_averaged::NodalAveraged;
 use crate::element::tetrahedra::{self, Extent, Tetrahedra};
 use crate::law::response::Law;
 use crate::mesh::Vec3;
@@ -46,7 +48,7 @@ pub struct LiveMesh {
     /// Of model kind `springMass`.
     pub springs: Option<Springs>,
     /// Of a non-linear law.
-    pub elements: Option<Tetrahedra>,
+    pub elements: Option<Elements>,
     /// Inertial mass a node \[kg\].
     pub mass: Vec<f64>,
     /// Gravitational mass a node \[kg\]: a quarter of each of its tetrahedra, whatever `integration.mass`.
@@ -71,9 +73,21 @@ impl LiveMesh {
         let springs = (model.scene.model.kind == ModelKind::SpringMass)
             .then(|| Springs::new(&model.pattern, &model.mesh.nodes));
         let elements = model.law().map(|law| {
-            Tetrahedra::new(law, &model.mesh.tetrahedra, |t| {
-                model.parts.dynamic[t].then(|| (&model.shape[t], &model.material(t).law))
-            })
+            let moves = |t: &usize| model.parts.dynamic[*t];
+            let each = Tetrahedra::new(law, &model.mesh.tetrahedra, |t| {
+                let t = Some(t).filter(moves)?;
+                Some((&model.shape[t], &model.material(t).law))
+            });
+            if !model.is_averaged() {
+                return Elements::ConstantStrain(each);
+            }
+            let hourglass = model.scene.model.hourglass;
+            let own = NodalAveraged::new(law, hourglass, &model.mesh.tetrahedra, |t| {
+                let t = Some(t).filter(moves)?;
+                let number = model.material_number(t);
+                Some((&model.shape[t], &model.material(t).law, number))
+            });
+            Elements::NodalAveraged(Box::new(own), each)
         });
         let is_linear = springs.is_none() && elements.is_none();
         let tensors = match is_linear {
@@ -199,20 +213,24 @@ impl LiveMesh {
 
     /// How far what has a non-linear law is deformed.
     pub fn extent(&self, u: &[Lane]) -> Extent {
-        let of = |e: &Tetrahedra| e.extent(u);
+        let of = |e: &Elements| e.tetrahedra().extent(u);
         self.elements.as_ref().map_or_else(Extent::default, of)
     }
 
-    /// Tensors of the elements at rest, as a linear law.
-    pub fn tangent_at_rest(&self, model: &Model) -> Tensors {
+    /// Tensors of the elements at rest, as a linear law; averaged ones reach further than edges.
+    pub fn tangent_at_rest(&self, model: &Model) -> (Pattern, Tensors) {
         let pattern = self.pattern(model);
+        if let Some(Elements::NodalAveraged(own, _)) = &self.elements {
+            let entries = own.tangent(&vec![Lane::default(); pattern.nodes()]);
+            return Tensors::assemble(pattern.nodes(), &entries);
+        }
         let mut tensors = Tensors::zeros(pattern);
         for (t, nodes) in self.tetrahedra.iter().enumerate() {
             if self.alive[t] && model.parts.dynamic[t] {
                 tensors.accumulate(pattern, nodes, &model.shape[t], &model.material(t).law);
             }
         }
-        tensors
+        (pattern.clone(), tensors)
     }
 
     /// One substep of the moving nodes.
@@ -232,7 +250,8 @@ impl LiveMesh {
     pub fn internal_force(&self, model: &Model, i: usize, u: &[Lane]) -> Vec3 {
         match (&self.springs, &self.elements) {
             (Some(springs), _) => springs.force(self.pattern(model), i, u),
-            (_, Some(elements)) => self.star_force(model, elements.law, i, u),
+            (_, Some(Elements::ConstantStrain(own))) => self.star_force(model, own.law, i, u),
+            (_, Some(Elements::NodalAveraged(own, _))) => own.node_force(i, u),
             _ => self.tensors.row_product(self.pattern(model), i, u),
         }
     }
@@ -259,7 +278,7 @@ impl LiveMesh {
     pub fn bytes(&self) -> usize {
         self.tensors.bytes()
             + self.springs.as_ref().map_or(0, Springs::bytes)
-            + self.elements.as_ref().map_or(0, Tetrahedra::bytes)
+            + self.elements.as_ref().map_or(0, Elements::bytes)
     }
 
     /// Removes one live tetrahedron: its four masses and four faces. Its tensors or springs stay until
@@ -361,9 +380,10 @@ impl LiveMesh {
         for (t, corners) in &self.dirty {
             if let Some(elements) = &mut self.elements {
                 let t = *t as usize;
-                elements.rename(t, &self.tetrahedra[t]);
+                let each = elements.tetrahedra_mut();
+                each.rename(t, &self.tetrahedra[t]);
                 if !self.alive[t] {
-                    elements.remove(t);
+                    each.remove(t);
                 }
             }
             let own = model.topology.tetrahedron_edges[*t as usize];
@@ -424,8 +444,43 @@ impl LiveMesh {
         }
     }
 
+    /// W \[J\] and the power of its forces \[W\] at these nodes: of averaged elements, where a tetrahedron has none of
+    /// its own.
+    pub(crate) fn share(&self, nodes: &[u32], u: &[Lane], v: &[Lane]) -> (f64, f64) {
+        let mut sum = (0.0, 0.0);
+        if let Some(Elements::NodalAveraged(own, _)) = &self.elements {
+            for node in nodes {
+                let (energy, power) = own.share(*node, u, v);
+                sum = (sum.0 + energy, sum.1 + power);
+            }
+        }
+        sum
+    }
+
+    /// The points of averaged elements at a node.
+    fn sum_points(&mut self, model: &Model, node: u32) {
+        let Some(Elements::NodalAveraged(mut own, each)) = self.elements.take() else {
+            return;
+        };
+        let star = model.topology.star(self.origin(node) as usize).iter();
+        let left = star.filter(|t| self.alive[**t as usize] && model.parts.dynamic[**t as usize]);
+        let tissue = left.map(|t| {
+            let t = *t as usize;
+            (
+                &self.tetrahedra[t],
+                &model.shape[t],
+                model.material_number(t),
+            )
+        });
+        own.sum_again(node, model.scene.model.hourglass, tissue);
+        self.elements = Some(Elements::NodalAveraged(own, each));
+    }
+
     /// The tensor of a node, of those of its edges; its mass.
     fn sum_node(&mut self, model: &Model, node: usize) {
+        if model.is_averaged() {
+            self.sum_points(model, node as u32);
+        }
         if !self.is_objective() {
             let pattern = self.pattern.as_deref().unwrap_or(&model.pattern);
             self.tensors.close(pattern, node);

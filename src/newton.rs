@@ -5,11 +5,13 @@
 
 use nalgebra::Matrix3;
 
-use crate::element::tetrahedra;
+use crate::element::nodal_averaged::NodalAveraged;
+use crate::element::{Elements, tetrahedra};
 use crate::law::response::Law;
 use crate::live::LiveMesh;
 use crate::mesh::Vec3;
 use crate::model::Model;
+use crate::model::tensor_mass::Lane;
 use crate::statics::{Factor, Numbering, StaticsError};
 
 /// Largest force out of balance, relative to the largest force.
@@ -55,12 +57,25 @@ fn evaluate(model: &Model, live: &LiveMesh, u: &[Vec3]) -> At {
         energy: 0.0,
         least: f64::INFINITY,
     };
+    let averaged = averaged(live);
+    if let Some(elements) = averaged {
+        let lanes = lanes(u);
+        let mut forces = vec![Lane::default(); u.len()];
+        at.energy = elements.add_forces(&lanes, &mut forces).0;
+        for (to, force) in at.internal.iter_mut().zip(&forces) {
+            *to = force.xyz();
+        }
+    }
     for (t, nodes) in live.tetrahedra.iter().enumerate() {
         if !live.alive[t] {
             continue;
         }
         let (shape, material) = (&model.shape[t], &model.material(t).law);
         let own = nodes.map(|v| u[v as usize]);
+        at.least = at.least.min(shape.deformation_gradient(&own).determinant());
+        if averaged.is_some() && model.parts.dynamic[t] {
+            continue;
+        }
         let (force, energy) = match law_of(model, t) {
             Some(law) => tetrahedra::force(law, material, shape, &own),
             None => {
@@ -73,16 +88,27 @@ fn evaluate(model: &Model, live: &LiveMesh, u: &[Vec3]) -> At {
             at.internal[*v as usize] += f;
         }
         at.energy += energy;
-        at.least = at.least.min(shape.deformation_gradient(&own).determinant());
     }
     at
 }
 
-/// K_jk of every live tetrahedron, each pair once.
+fn averaged(live: &LiveMesh) -> Option<&NodalAveraged> {
+    match &live.elements {
+        Some(Elements::NodalAveraged(own, _)) => Some(own),
+        _ => None,
+    }
+}
+
+fn lanes(u: &[Vec3]) -> Vec<Lane> {
+    u.iter().map(|u| Lane::from(*u)).collect()
+}
+
+/// K_jk in parts, each pair once.
 fn tangent(model: &Model, live: &LiveMesh, u: &[Vec3]) -> Vec<(usize, usize, Matrix3<f64>)> {
-    let mut entries = Vec::with_capacity(10 * live.tetrahedra.len());
+    let averaged = averaged(live);
+    let mut entries = averaged.map_or_else(Vec::new, |elements| elements.tangent(&lanes(u)));
     for (t, nodes) in live.tetrahedra.iter().enumerate() {
-        if !live.alive[t] {
+        if !live.alive[t] || (averaged.is_some() && model.parts.dynamic[t]) {
             continue;
         }
         let (shape, material) = (&model.shape[t], &model.material(t).law);

@@ -12,6 +12,7 @@ use crate::mesh::topology::NONE;
 use crate::model::Model;
 use crate::model::dense::dot;
 use crate::model::precomputed::Interface;
+use crate::model::stiffness::Stiffness;
 use crate::model::tensor_mass::{Pattern, Tensors};
 use crate::newton::{self, Solution};
 use crate::state::State;
@@ -199,8 +200,11 @@ pub fn interface_error(model: &Model) -> Result<Option<f64>, StaticsError> {
         model.boundary.free[i].map(|f| f && used)
     });
     let numbering = Numbering::new(free);
-    let at_rest = model.whole.tangent_at_rest(model);
-    let stiffness = model.stiffness(&at_rest);
+    let (pattern, at_rest) = model.whole.tangent_at_rest(model);
+    let stiffness = Stiffness {
+        pattern: &pattern,
+        ..model.stiffness(&at_rest)
+    };
     let factor = Factor::new(stiffness.entries(), &numbering, None)?;
     let mut column = vec![0.0; numbering.unknowns()];
     numbering.gather(&right, &mut column);

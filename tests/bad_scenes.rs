@@ -62,6 +62,19 @@ fn line(text: &str) -> String {
 }
 
 #[test]
+fn averaged_elements_are_not_split() {
+    let text = edited("/model", r#"{"elasticity": "stableNeoHookean"}"#);
+    let text = text.replace(r#""mass":"uniform""#, r#""mass":"lumped""#);
+    let mut scene: Value = serde_json::from_str(&text).unwrap();
+    scene["cutting"]["rule"] = "duplicate".into();
+    scene["integration"]["mass"] = "lumped".into();
+    assert_eq!(
+        line(&scene.to_string()),
+        "plate.json: cutting.rule: duplicate with nodalAveraged is not available in this version; use remove"
+    );
+}
+
+#[test]
 fn each_mistake_has_its_line() {
     #[rustfmt::skip]
     let table = [
@@ -200,14 +213,14 @@ fn each_mistake_has_its_line() {
         ("/model/interfaceMass", r#""guyan""#, r#"model.interfaceMass: belongs to another kind of model; must stand beside "kind": "hybrid""#),
         ("/model/touchable", r#"{"all": true}"#, r#"model.touchable: belongs to another kind of model; must stand beside "kind": "hybrid" or "quasiStatic""#),
         ("/model/kind", r#""springMass""#, "start: equilibrium with springMass is not available in this version; use rest"),
-        ("/model", r#"{"elasticity": "stVenantKirchhoff"}"#, "model.element: nodalAveraged is not available in this version; use constantStrain"),
+        ("/model", r#"{"elasticity": "stVenantKirchhoff", "element": "nodalPressure"}"#, "model.element: nodalPressure is not available in this version; use nodalAveraged"),
         ("/model", r#"{"elasticity": "stVenantKirchhoff", "kind": "springMass"}"#, "model.elasticity: springMass has a law of its own; must be linear"),
         ("/model", r#"{"elasticity": "stVenantKirchhoff", "kind": "quasiStatic"}"#, "model.elasticity: what is pre-computed is linear; quasiStatic must have linear"),
         ("/model/form", r#""polynomial""#, "model.form: polynomial is not available in this version; use perTetrahedron"),
         ("/model/adaptive", r#""perVertex""#, "model.adaptive: perVertex is not available in this version; use blend"),
         ("/model/nonlinearThreshold", "0.001", "model.nonlinearThreshold: a non-linear threshold is not available in this version; use 0"),
         ("/model/incompressibility", "1000", "model.incompressibility: a volume penalty is not available in this version; use 0"),
-        ("/model/element", r#""nodalAveraged""#, "model.element: nodalAveraged is not available in this version; use constantStrain"),
+        ("/model/element", r#""nodalAveraged""#, "model.element: nodalAveraged with linear elasticity is not available in this version; use constantStrain"),
         ("/integration/damping", "2e6", "integration.damping: 2000000.0 is out of range; must be at most 1e6"),
         ("/gravity", "[0, 0, -1e9]", "gravity[2]: -1000000000.0 is out of range; must be from -1e6 to 1e6"),
         ("/mesh", r#"{"box": {"size": [1, 1, 1], "cells": [3000000, 1, 1]}}"#, "mesh.box.cells: too many cells; must be so few that they have at most 10 million corners in all"),

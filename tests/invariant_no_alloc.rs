@@ -34,6 +34,7 @@ fn a_step_allocates_nothing() {
     let springs = r#"{"model": {"kind": "springMass"},"#;
     let venant = r#"{"model": {"elasticity": "stVenantKirchhoff", "element": "constantStrain"},"#;
     let hookean = r#"{"model": {"elasticity": "stableNeoHookean", "element": "constantStrain"},"#;
+    let averaged = r#"{"model": {"elasticity": "stableNeoHookean"},"#;
     let tearing = r#"{"tearing": {"criterion": "maximumElongation", "threshold": 0.052},"#;
     let torn = r#"{"model": {"kind": "springMass"}, "tearing": {"criterion": "maximumElongation", "threshold": 0.052},"#;
     for (scheme, model) in [
@@ -48,6 +49,7 @@ fn a_step_allocates_nothing() {
         ("rungeKutta4", hybrid),
         ("implicitEuler", hybrid),
         ("symplecticEuler", venant),
+        ("symplecticEuler", averaged),
         ("rungeKutta4", hookean),
         ("symplecticEuler", tearing),
         ("rungeKutta4", torn),

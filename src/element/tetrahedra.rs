@@ -330,7 +330,7 @@ impl Group {
 }
 
 /// [`Extent`] in the making, a lane each.
-struct Reach<V> {
+pub(super) struct Reach<V> {
     trace: V,
     least: V,
     most: V,
@@ -338,7 +338,7 @@ struct Reach<V> {
 
 impl<V: Four> Reach<V> {
     #[inline(always)]
-    unsafe fn rest() -> Reach<V> {
+    pub unsafe fn rest() -> Reach<V> {
         // SAFETY: the caller's; so in all of them.
         unsafe {
             Reach {
@@ -350,7 +350,7 @@ impl<V: Four> Reach<V> {
     }
 
     #[inline(always)]
-    unsafe fn include(&mut self, point: &Point<V>) {
+    pub unsafe fn include(&mut self, point: &Point<V>) {
         unsafe {
             self.trace = self.trace.max(point.trace);
             self.least = self.least.min(point.volume_ratio);
@@ -359,7 +359,7 @@ impl<V: Four> Reach<V> {
     }
 
     #[inline(always)]
-    unsafe fn extent(self) -> Extent {
+    pub unsafe fn extent(self) -> Extent {
         unsafe {
             let [a, b, c, d] = self.trace.store();
             let [e, f, g, h] = self.least.store();
@@ -373,7 +373,7 @@ impl<V: Four> Reach<V> {
     }
 }
 
-fn parameters(law: Law, material: &Hooke) -> [f64; 2] {
+pub(super) fn parameters(law: Law, material: &Hooke) -> [f64; 2] {
     match law {
         Law::StVenantKirchhoff => StVenantKirchhoff::parameters(material),
         Law::StableNeoHookean => StableNeoHookean::parameters(material),

@@ -6,11 +6,11 @@
 use std::ops::Range;
 
 use super::sweep::{Advance, Motion, Sums, advance_node};
-use crate::element::tetrahedra::Tetrahedra;
+use crate::element::Elements;
 use crate::lanes::{self, Four};
 
 /// Runs one substep of the nodes from `used.start` on; connection nodes begin at its end.
-pub fn sweep(elements: &Tetrahedra, used: Range<usize>, m: &mut Motion, by: &Advance) -> Sums {
+pub fn sweep(elements: &Elements, used: Range<usize>, m: &mut Motion, by: &Advance) -> Sums {
     let n = m.mass.len();
     assert!(m.is_of(n));
     let connected = used.end..n;

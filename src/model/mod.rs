@@ -28,8 +28,8 @@ use crate::mesh::topology::{Face, NONE, Topology};
 use crate::mesh::{self, MeshError, TetMesh, Vec3};
 use crate::pieces::{Pieces, Tissue, free_modes};
 use crate::scene::{
-    Connection, CutRule, Elasticity, InterfaceMass, ModelKind, ModelSettings, OutputVertices,
-    Scene, SceneError, Scheme, Selector, Start, ToolKind, select_tetrahedra,
+    Connection, CutRule, Elasticity, Element, InterfaceMass, ModelKind, ModelSettings,
+    OutputVertices, Scene, SceneError, Scheme, Selector, Start, ToolKind, select_tetrahedra,
 };
 use crate::star::Worklist;
 use crate::statics::StaticsError;
@@ -405,13 +405,17 @@ impl Model {
             let (bound, rest) = (Springs::tangent_bound, Springs::tangent_at_rest);
             (bound(springs, &self.pattern), rest(springs, &self.pattern))
         });
-        let at_rest = match springs {
-            Some(_) => Tensors::default(),
+        let (pattern, at_rest) = match springs {
+            Some(_) => Default::default(),
             None => live.tangent_at_rest(self),
+        };
+        let at_rest = Stiffness {
+            pattern: &pattern,
+            ..self.stiffness(&at_rest)
         };
         let (stiffest, stiffness) = match &springs {
             Some((bound, rest)) => (self.stiffness(bound), self.stiffness(rest)),
-            None => (self.stiffness(&at_rest), self.stiffness(&at_rest)),
+            None => (at_rest, at_rest),
         };
         let highest = spectrum::highest(stiffest, mass, free);
         let lowest = if moving <= DIRECT_NODES {
@@ -451,7 +455,16 @@ impl Model {
                         let rest = self.rest_positions(t);
                         spring_mass::largest_eigenvalue(law, shape.volume, &rest, *density)
                     }
-                    _ => shape.largest_eigenvalue(law, *density),
+                    _ => {
+                        let own = shape.largest_eigenvalue(law, *density);
+                        // Means are below what they are taken of; the hourglass term comes on top.
+                        let hourglass = match self.is_averaged() {
+                            true => self.scene.model.hourglass * law.mu,
+                            false => 0.0,
+                        };
+                        let gradients: f64 = shape.gradient.iter().map(|a| a.norm_squared()).sum();
+                        own + hourglass * gradients * 4.0 / density
+                    }
                 }
             })
             .fold(0.0, f64::max)
@@ -475,6 +488,8 @@ impl Model {
             ModelKind::SpringMass => {
                 spring_mass::tetrahedron_force(law, shape.volume, &self.rest_positions(t), u)
             }
+            // Its energy is that of its vertices.
+            _ if self.is_averaged() => Default::default(),
             _ => match self.law() {
                 None => {
                     let force = shape.linear_force(law, u);
@@ -507,6 +522,16 @@ impl Model {
             .iter()
             .map(|m| law.stiffening(&m.law, extent));
         each.fold(1.0, f64::max)
+    }
+
+    /// Whether a vertex has one deformation gradient for all its tetrahedra.
+    pub fn is_averaged(&self) -> bool {
+        self.law().is_some() && self.scene.model.element != Some(Element::ConstantStrain)
+    }
+
+    /// Of tetrahedron `t`, among the scene's materials.
+    pub(crate) fn material_number(&self, t: usize) -> u32 {
+        self.material_of[t]
     }
 
     /// Whether a tetrahedron's energy is a quadratic form: then schemes' accounts close to round-off.

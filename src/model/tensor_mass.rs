@@ -66,6 +66,11 @@ impl Pattern {
                 }
             }
         }
+        Pattern::of_edges(spares, nodes, edges)
+    }
+
+    /// `edges`: pairs i <= j, in any order and as often as there are.
+    fn of_edges(spares: usize, nodes: usize, mut edges: Vec<(u32, u32)>) -> Pattern {
         edges.extend((spares as u32..nodes as u32).map(|i| (i, i)));
         edges.sort_unstable();
         edges.dedup();
@@ -184,6 +189,19 @@ pub struct Tensors(pub(crate) Vec<f64>);
 impl Tensors {
     pub fn zeros(pattern: &Pattern) -> Tensors {
         Tensors(vec![0.0; 9 * pattern.column.len() + 3])
+    }
+
+    /// Of parts (i, j, K_ij), i <= j, in a pattern of their own.
+    pub fn assemble(nodes: usize, parts: &[(usize, usize, Matrix3<f64>)]) -> (Pattern, Tensors) {
+        let edges = parts.iter().map(|(i, j, _)| (*i as u32, *j as u32));
+        let pattern = Pattern::of_edges(0, nodes, edges.collect());
+        let mut tensors = Tensors::zeros(&pattern);
+        for (i, j, block) in parts {
+            if let Some(place) = pattern.place(*i as u32, *j as u32) {
+                tensors.add(place, block);
+            }
+        }
+        (pattern, tensors)
     }
 
     /// Adds one tetrahedron: four vertex tensors, six edge tensors.

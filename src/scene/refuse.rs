@@ -14,7 +14,8 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
         true => Element::NodalAveraged,
         false => Element::ConstantStrain,
     });
-    let averaged = element != Element::ConstantStrain;
+    let pressed = element == Element::NodalPressure;
+    let averaged = element == Element::NodalAveraged;
     let format = match &scene.mesh {
         MeshSource::File { file, .. } => extension(file),
         _ => "msh",
@@ -30,7 +31,9 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
         (model.adaptive != Adaptive::Blend, text("model.adaptive"), word(&model.adaptive), "use blend"),
         (model.nonlinear_threshold != 0.0, text("model.nonlinearThreshold"), text("a non-linear threshold"), "use 0"),
         (model.incompressibility != 0.0, text("model.incompressibility"), text("a volume penalty"), "use 0"),
-        (averaged, text("model.element"), word(&element), "use constantStrain"),
+        (pressed, text("model.element"), word(&element), if nonlinear {"use nodalAveraged"} else {"use constantStrain"}),
+        (averaged && !nonlinear, text("model.element"), format!("{} with linear elasticity", word(&element)), "use constantStrain"),
+        (averaged && scene.cutting.rule == CutRule::Duplicate, text("cutting.rule"), format!("duplicate with {}", word(&element)), "use remove"),
         (!format.eq_ignore_ascii_case("msh"), text("mesh.file"), format!("the mesh format .{format}"), "use .msh"),
     ];
     for (i, tool) in scene.tools.iter().enumerate() {

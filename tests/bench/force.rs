@@ -7,6 +7,7 @@ use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant;
 
+use tissue::element::nodal_averaged::NodalAveraged;
 use tissue::element::tetrahedra::Tetrahedra;
 use tissue::law::response::Law;
 use tissue::mesh::Vec3;
@@ -46,10 +47,17 @@ fn main() {
     let venant = make(Law::StVenantKirchhoff, false);
     let fibres = make(Law::StVenantKirchhoff, true);
     let hookean = make(Law::StableNeoHookean, false);
+    let averaged = |law| {
+        NodalAveraged::new(law, 0.3, &model.mesh.tetrahedra, |t| {
+            Some((&model.shape[t], &model.material(t).law, 0))
+        })
+    };
+    let averaged_venant = averaged(Law::StVenantKirchhoff);
+    let averaged_hookean = averaged(Law::StableNeoHookean);
     let mut out = vec![Lane::default(); n];
     let mut linear = vec![Vec3::zeros(); n];
     let (mut a, b) = (vec![[1.0f64; 4]; 512], [1.000_000_1f64; 4]);
-    let mut times = vec![Vec::new(); 6];
+    let mut times = vec![Vec::new(); 9];
     for _ in 0..ROUNDS {
         let mut run = |k: usize, f: &mut dyn FnMut()| {
             let start = Instant::now();
@@ -83,6 +91,15 @@ fn main() {
         run(5, &mut || {
             black_box(hookean.add_forces(&u, &mut out));
         });
+        run(6, &mut || {
+            black_box(averaged_venant.add_forces(&u, &mut out));
+        });
+        run(7, &mut || {
+            black_box(averaged_venant.add_forces_plain(&u, &mut out));
+        });
+        run(8, &mut || {
+            black_box(averaged_hookean.add_forces(&u, &mut out));
+        });
     }
     let names = [
         "calibration",
@@ -91,6 +108,9 @@ fn main() {
         "StVK plain",
         "StVK fibres",
         "stable neo-Hookean",
+        "StVK nodal-averaged",
+        "StVK nodal-averaged plain",
+        "stable neo-Hookean nodal-averaged",
     ];
     for (name, times) in names.iter().zip(&mut times) {
         times.sort_by(f64::total_cmp);

@@ -2,8 +2,8 @@
 
     OMP_NUM_THREADS=1 python tests/harness/quadratic.py [study ...]
 
-Prints each mesh's force (torque) and energy, and the limit by Richardson's extrapolation of the last
-three; writes quadratic.csv, keeping the rows of studies not asked for.
+Prints each mesh's force (torque) and energy, and the limit by Richardson's extrapolation of the
+last three; writes quadratic.csv, keeping the rows of studies not asked for.
 
 Stress has no bound along the edges of a grip, and there a neo-Hookean point may invert however fine
 the mesh; the law is made for that, so it is let, and the table shows the smallest det F. St
@@ -51,7 +51,7 @@ def ladder(study, law, poisson):
     rows, options = [], {"smallest": 1 / 8, "tolerance": 1e-8, "floor": FLOOR[law]}
     for level in study.levels:
         begun = time.monotonic()
-        if rows:
+        if rows and study.guess is None:
             options["start"] = study.carried(found.displacement, rows[-1][0], level)
         try:
             force, energy, found = study.oracle(level, law, poisson, **options)
@@ -84,16 +84,21 @@ def limits(study, law, poisson):
     return table
 
 
-def main(names):
+def renew(study, law, poisson):
+    """One ladder, and its rows of the table."""
     known = list(csv.reader(TABLE.open()))[1:] if TABLE.exists() else []
-    studies = [make() for make in STUDIES if not names or make.__name__ in names]
+    same = [study.name, str(poisson), law]
+    known = [row for row in known if row[:3] != same] + limits(study, law, poisson)
+    with TABLE.open("w", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([COLUMNS, *known])
+
+
+def main(names):
     for law in LAWS:
-        for study in studies:
+        for make in STUDIES:
             for poisson in RATIOS:
-                same = [study.name, str(poisson), law]
-                known = [row for row in known if row[:3] != same] + limits(study, law, poisson)
-                with TABLE.open("w", newline="") as file:
-                    csv.writer(file, lineterminator="\n").writerows([COLUMNS, *known])
+                if not names or make.__name__ in names:
+                    renew(make(), law, poisson)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,468 @@
+//! The nodal-averaged tetrahedron with an hourglass term: one deformation gradient a vertex, which neither locks nor
+//! lets short waves go.
+//!
+//! With V_j = sum_t V_t/4 and D_jk = sum_t (V_t/4) a_k over the tetrahedra t with vertices j and k (k = j included),
+//!
+//! G_j = 1/V_j sum_k (u_k - u_j) D_jk^T,  F_j = I + G_j,  L_jk = sum_t V_t a_j . a_k
+//! W = sum_j V_j psi(F_j) + c mu/2 \[sum_t V_t |G_t|² - sum_j V_j |G_j|²\],  sum_t V_t |G_t|² = - sum_{j<k} L_jk |u_k - u_j|²
+//! dW/du_k = sum_j Q_j D_jk + c mu sum_j L_kj (u_j - u_k),  Q_j = P(F_j) - c mu G_j
+//!
+//! G_j is the mean of the G_t, so that the bracket is their variance: never negative, zero for any linear field,
+//! unchanged by rotation. (After Bonet and Burton 1998, and Puso and Solberg 2006; the hourglass term is ours.) The D_jk of a
+//! vertex sum to zero, as the a_k do: differences, so that a translation gives no force.
+//!
+//! Tissue of several materials averages each over its own tetrahedra: a vertex has a point for each.
+
+use nalgebra::Matrix3;
+
+use super::constant_strain::Shape;
+use super::tetrahedra::{Extent, Reach, parameters};
+use crate::lanes::{self, Four, Plain, Square};
+use crate::law::linear::Hooke;
+use crate::law::response::{Law, Point, Response};
+use crate::law::st_venant_kirchhoff::StVenantKirchhoff;
+use crate::law::stable_neo_hookean::StableNeoHookean;
+use crate::mesh::Vec3;
+use crate::model::tensor_mass::Lane;
+
+/// Four points side by side; past the last one some of no stiffness.
+#[derive(Clone, Debug, PartialEq)]
+#[repr(C, align(32))]
+struct Group {
+    /// Of [`Response::parameters`] \[Pa\].
+    parameters: [[f64; 4]; 2],
+    /// V_j \[m³\]
+    volume: [f64; 4],
+    /// 1/V_j
+    inverse: [f64; 4],
+    /// c mu \[Pa\]
+    hourglass: [f64; 4],
+    direction: [[f64; 4]; 3],
+    kappa: [f64; 4],
+}
+
+/// One neighbour of a point: D_jk \[m²\] and c mu L_jk \[N/m\].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C, align(32))]
+struct Entry([f64; 4]);
+
+/// Points in the order of their vertices.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NodalAveraged {
+    pub law: Law,
+    has_fibre: bool,
+    group: Vec<Group>,
+    /// A place of a group each: the vertex; its entries are `start[p]..start[p + 1]`, with D_jj in the first.
+    node: Vec<u32>,
+    start: Vec<u32>,
+    column: Vec<u32>,
+    entry: Vec<Entry>,
+    /// A point each: its material, and what the scene counts that as.
+    material: Vec<Hooke>,
+    number: Vec<u32>,
+}
+
+/// What a tetrahedron adds to its corner j for its corner k.
+fn entry(shape: &Shape, material: &Hooke, c: f64, j: usize, k: usize) -> Entry {
+    let d = shape.gradient[k] * (shape.volume / 4.0);
+    let l = shape.volume * shape.gradient[j].dot(&shape.gradient[k]);
+    let l = if j == k { 0.0 } else { c * material.mu * l };
+    Entry([d.x, d.y, d.z, l])
+}
+
+impl NodalAveraged {
+    /// Of those tetrahedra of a mesh that `of` gives shape, material and its number of; `c` \[1\].
+    pub fn new<'a>(
+        law: Law,
+        c: f64,
+        tetrahedra: &[[u32; 4]],
+        of: impl Fn(usize) -> Option<(&'a Shape, &'a Hooke, u32)>,
+    ) -> NodalAveraged {
+        // (vertex, material, neighbour or the vertex itself first)
+        let mut pairs: Vec<(u32, u32, u32, Entry)> = Vec::new();
+        let mut volumes: Vec<(u32, u32, f64, Hooke)> = Vec::new();
+        for (t, nodes) in tetrahedra.iter().enumerate() {
+            let Some((shape, material, number)) = of(t) else {
+                continue;
+            };
+            let quarter = shape.volume / 4.0;
+            for (j, node) in nodes.iter().enumerate() {
+                volumes.push((*node, number, quarter, *material));
+                for (k, other) in nodes.iter().enumerate() {
+                    pairs.push((*node, number, *other, entry(shape, material, c, j, k)));
+                }
+            }
+        }
+        // Stable: sums in the order of the tetrahedra.
+        pairs.sort_by_key(|(node, number, other, _)| (*node, *number, other != node, *other));
+        volumes.sort_by_key(|(node, number, ..)| (*node, *number));
+        let mut made = NodalAveraged {
+            law,
+            has_fibre: volumes.iter().any(|(.., m)| m.fibre.is_some()),
+            group: Vec::new(),
+            node: Vec::new(),
+            start: vec![0],
+            column: Vec::new(),
+            entry: Vec::new(),
+            material: Vec::new(),
+            number: Vec::new(),
+        };
+        for point in volumes.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+            let volume: f64 = point.iter().map(|p| p.2).sum();
+            made.add_point(point[0].0, volume, &point[0].3, c);
+            made.number.push(point[0].1);
+        }
+        let points = pairs.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1));
+        for point in points {
+            for entries in point.chunk_by(|a, b| a.2 == b.2) {
+                made.column.push(entries[0].2);
+                let sum = |axis: usize| entries.iter().map(|e| e.3.0[axis]).sum::<f64>();
+                made.entry.push(Entry([sum(0), sum(1), sum(2), sum(3)]));
+            }
+            made.start.push(made.column.len() as u32);
+        }
+        while !made.node.len().is_multiple_of(4) {
+            made.node.push(made.node.last().copied().unwrap_or(0));
+            made.start.push(made.column.len() as u32);
+        }
+        made
+    }
+
+    fn add_point(&mut self, node: u32, volume: f64, material: &Hooke, c: f64) {
+        let lane = self.node.len() % 4;
+        if lane == 0 {
+            self.group.push(Group {
+                parameters: Default::default(),
+                volume: Default::default(),
+                inverse: Default::default(),
+                hourglass: Default::default(),
+                direction: Default::default(),
+                kappa: Default::default(),
+            });
+        }
+        self.node.push(node);
+        self.material.push(*material);
+        let Some(group) = self.group.last_mut() else {
+            return;
+        };
+        let [first, second] = parameters(self.law, material);
+        group.parameters[0][lane] = first;
+        group.parameters[1][lane] = second;
+        group.volume[lane] = volume;
+        group.inverse[lane] = 1.0 / volume;
+        group.hourglass[lane] = c * material.mu;
+        if let Some(fibre) = &material.fibre {
+            for axis in 0..3 {
+                group.direction[axis][lane] = fibre.direction[axis];
+            }
+            group.kappa[lane] = fibre.kappa;
+        }
+    }
+
+    /// Adds dW/du \[N\] at displacements u to what there is. Returns W \[J\] and how far points are deformed.
+    pub fn add_forces(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
+        assert!(u.len() == to.len());
+        #[cfg(target_arch = "x86_64")]
+        if lanes::has_avx2() {
+            // SAFETY: it is there; nodes are below the number of moving nodes, and so of `u`, by construction.
+            return unsafe { self.avx2(u, to) };
+        }
+        self.add_forces_plain(u, to)
+    }
+
+    /// The same in plain code, for machines without AVX2 and as the fast form's oracle.
+    pub fn add_forces_plain(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
+        // SAFETY: plain code has no needs.
+        unsafe { self.dispatch::<Plain>(u, to) }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma")]
+    unsafe fn avx2(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
+        // SAFETY: the caller's.
+        unsafe { self.dispatch::<lanes::Avx2>(u, to) }
+    }
+
+    #[inline(always)]
+    unsafe fn dispatch<V: Four>(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
+        // SAFETY: the caller's.
+        unsafe {
+            match (self.law, self.has_fibre) {
+                (Law::StVenantKirchhoff, false) => {
+                    self.kernel::<V, StVenantKirchhoff, false>(u, to)
+                }
+                (Law::StVenantKirchhoff, true) => self.kernel::<V, StVenantKirchhoff, true>(u, to),
+                (Law::StableNeoHookean, false) => self.kernel::<V, StableNeoHookean, false>(u, to),
+                (Law::StableNeoHookean, true) => self.kernel::<V, StableNeoHookean, true>(u, to),
+            }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn kernel<V: Four, R: Response, const FIBRE: bool>(
+        &self,
+        u: &[Lane],
+        to: &mut [Lane],
+    ) -> (f64, Extent) {
+        // SAFETY: the caller's; places are in range by construction.
+        unsafe {
+            let zero = V::splat(0.0);
+            let (mut sum, mut variance) = (zero, zero);
+            let mut reach = Reach::<V>::rest();
+            for (k, group) in self.group.iter().enumerate() {
+                // Rows of the transpose of G, a point each; the fourth axis is zero.
+                let mut columns = [[zero; 4]; 3];
+                for lane in 0..4 {
+                    let p = 4 * k + lane;
+                    let own = *self.node.get_unchecked(p) as usize;
+                    let u_j = V::load(&u.get_unchecked(own).0);
+                    let (mut x, mut y, mut z, mut hourglass) = (zero, zero, zero, zero);
+                    let end = *self.start.get_unchecked(p + 1) as usize;
+                    for at in *self.start.get_unchecked(p) as usize..end {
+                        let other = *self.column.get_unchecked(at) as usize;
+                        let [d0, d1, d2, l] = self.entry.get_unchecked(at).0;
+                        let w = V::load(&u.get_unchecked(other).0).sub(u_j);
+                        x = w.mul_add(V::splat(d0), x);
+                        y = w.mul_add(V::splat(d1), y);
+                        z = w.mul_add(V::splat(d2), z);
+                        let pull = w.mul(V::splat(l));
+                        hourglass = hourglass.add(pull);
+                        variance = pull.mul_add(w, variance);
+                    }
+                    let inverse = V::splat(group.inverse[lane]);
+                    columns[0][lane] = x.mul(inverse);
+                    columns[1][lane] = y.mul(inverse);
+                    columns[2][lane] = z.mul(inverse);
+                    let force = &mut to.get_unchecked_mut(own).0;
+                    *force = V::load(force).add(hourglass).store();
+                }
+                let x = V::transpose(columns[0]);
+                let y = V::transpose(columns[1]);
+                let z = V::transpose(columns[2]);
+                let g: Square<V> = [[x[0], y[0], z[0]], [x[1], y[1], z[1]], [x[2], y[2], z[2]]];
+                let point = Point::new(g);
+                let parameters = [V::load(&group.parameters[0]), V::load(&group.parameters[1])];
+                let (mut stress, mut energy) = R::respond(&point, parameters);
+                if FIBRE {
+                    let a0 = lanes::load3(&group.direction);
+                    point.add_fibre(a0, V::load(&group.kappa), &mut stress, &mut energy);
+                }
+                reach.include(&point);
+                let c = V::load(&group.hourglass);
+                let square = lanes::dot(g[0], g[0])
+                    .add(lanes::dot(g[1], g[1]))
+                    .add(lanes::dot(g[2], g[2]));
+                let half = V::splat(-0.5).mul(c);
+                sum = half
+                    .mul_add(square, energy)
+                    .mul_add(V::load(&group.volume), sum);
+                let minus = zero.sub(c);
+                let mut q = stress;
+                for row in 0..3 {
+                    q[row][0] = minus.mul_add(g[row][0], stress[row][0]);
+                    q[row][1] = minus.mul_add(g[row][1], stress[row][1]);
+                    q[row][2] = minus.mul_add(g[row][2], stress[row][2]);
+                }
+                let x = V::transpose([q[0][0], q[1][0], q[2][0], zero]);
+                let y = V::transpose([q[0][1], q[1][1], q[2][1], zero]);
+                let z = V::transpose([q[0][2], q[1][2], q[2][2], zero]);
+                for lane in 0..4 {
+                    let p = 4 * k + lane;
+                    let end = *self.start.get_unchecked(p + 1) as usize;
+                    for at in *self.start.get_unchecked(p) as usize..end {
+                        let other = *self.column.get_unchecked(at) as usize;
+                        let [d0, d1, d2, _] = self.entry.get_unchecked(at).0;
+                        let force = &mut to.get_unchecked_mut(other).0;
+                        let sum = x[lane].mul_add(V::splat(d0), V::load(force));
+                        let sum = y[lane].mul_add(V::splat(d1), sum);
+                        *force = z[lane].mul_add(V::splat(d2), sum).store();
+                    }
+                }
+            }
+            let [a, b, c, d] = sum.store();
+            let [x, y, z, _] = variance.store();
+            // Each edge has been seen from both ends.
+            let energy = (a + b) + (c + d) - 0.25 * ((x + y) + z);
+            (energy, reach.extent())
+        }
+    }
+
+    fn row(&self, p: usize) -> std::ops::Range<usize> {
+        self.start[p] as usize..self.start[p + 1] as usize
+    }
+
+    fn volume(&self, p: usize) -> f64 {
+        self.group[p / 4].volume[p % 4]
+    }
+
+    fn hourglass(&self, p: usize) -> f64 {
+        self.group[p / 4].hourglass[p % 4]
+    }
+
+    fn d(&self, at: usize) -> Vec3 {
+        let [x, y, z, _] = self.entry[at].0;
+        Vec3::new(x, y, z)
+    }
+
+    /// G_j, alone.
+    fn gradient(&self, p: usize, u: &[Lane]) -> Matrix3<f64> {
+        let own = u[self.node[p] as usize].xyz();
+        let mut sum = Matrix3::zeros();
+        for at in self.row(p) {
+            let w = u[self.column[at] as usize].xyz() - own;
+            sum += w * self.d(at).transpose();
+        }
+        sum / self.volume(p)
+    }
+
+    /// Places p of points of a vertex.
+    fn points_of(&self, node: u32) -> std::ops::Range<usize> {
+        let count = self.material.len();
+        let from = self.node[..count].partition_point(|v| *v < node);
+        let to = self.node[..count].partition_point(|v| *v <= node);
+        from..to
+    }
+
+    /// dW/du_i \[N\], alone: for the few vertices whose reaction is wanted.
+    pub fn node_force(&self, i: usize, u: &[Lane]) -> Vec3 {
+        let node = i as u32;
+        let mut sum = Vec3::zeros();
+        let own = self.points_of(node);
+        for p in own.clone() {
+            for at in self.row(p) {
+                let other = self.column[at];
+                sum += (u[other as usize].xyz() - u[i].xyz()) * self.entry[at].0[3];
+                // A neighbour in several materials counts once.
+                let seen = |before: usize| self.column[self.row(before)].contains(&other);
+                if !(own.start..p).any(seen) {
+                    sum += self.pull_of(other, node, u);
+                }
+            }
+        }
+        sum
+    }
+
+    /// What the points of a vertex do to another.
+    fn pull_of(&self, from: u32, node: u32, u: &[Lane]) -> Vec3 {
+        let mut sum = Vec3::zeros();
+        for p in self.points_of(from) {
+            let at = self.row(p).find(|at| self.column[*at] == node);
+            if let Some(at) = at.filter(|_| self.volume(p) > 0.0) {
+                let g = self.gradient(p, u);
+                let f = Matrix3::identity() + g;
+                let stress = self.law.stress(&self.material[p], &f);
+                sum += (stress - g * self.hourglass(p)) * self.d(at);
+            }
+        }
+        sum
+    }
+
+    /// W \[J\] of a vertex's points, and the power of their forces at velocities v \[W\]. An edge counts by half at
+    /// either end.
+    pub(crate) fn share(&self, node: u32, u: &[Lane], v: &[Lane]) -> (f64, f64) {
+        let (mut energy, mut power) = (0.0, 0.0);
+        let i = node as usize;
+        for p in self.points_of(node).filter(|p| self.volume(*p) > 0.0) {
+            let (g, rate) = (self.gradient(p, u), self.gradient(p, v));
+            let (volume, c) = (self.volume(p), self.hourglass(p));
+            let f = Matrix3::identity() + g;
+            let stress = self.law.stress(&self.material[p], &f) - g * c;
+            energy += volume * self.law.energy(&self.material[p], &f);
+            energy -= 0.5 * c * volume * g.norm_squared();
+            power += volume * stress.component_mul(&rate).sum();
+            for at in self.row(p) {
+                let k = self.column[at] as usize;
+                let (w, apart) = (u[k].xyz() - u[i].xyz(), v[k].xyz() - v[i].xyz());
+                energy -= 0.25 * self.entry[at].0[3] * w.norm_squared();
+                power -= 0.5 * self.entry[at].0[3] * w.dot(&apart);
+            }
+        }
+        (energy, power)
+    }
+
+    /// Sums the points of a vertex again over what is left of its star, in the order of a fresh start: `star` gives nodes, shape and
+    /// number of the material.
+    pub(crate) fn sum_again<'a>(
+        &mut self,
+        node: u32,
+        c: f64,
+        star: impl Iterator<Item = (&'a [u32; 4], &'a Shape, u32)> + Clone,
+    ) {
+        for p in self.points_of(node) {
+            let row = self.row(p);
+            for entry in &mut self.entry[row.clone()] {
+                *entry = Entry::default();
+            }
+            let (material, number) = (self.material[p], self.number[p]);
+            let mut volume = 0.0;
+            for (nodes, shape, _) in star.clone().filter(|(.., own)| *own == number) {
+                volume += shape.volume / 4.0;
+                let own = nodes.iter().position(|v| *v == node).unwrap_or(0);
+                for (k, other) in nodes.iter().enumerate() {
+                    let Some(at) = row.clone().find(|at| self.column[*at] == *other) else {
+                        continue;
+                    };
+                    let Entry(add) = entry(shape, &material, c, own, k);
+                    for (sum, add) in self.entry[at].0.iter_mut().zip(add) {
+                        *sum += add;
+                    }
+                }
+            }
+            let (group, lane) = (&mut self.group[p / 4], p % 4);
+            group.volume[lane] = volume;
+            group.inverse[lane] = if volume > 0.0 { 1.0 / volume } else { 0.0 };
+        }
+    }
+
+    /// Keeps the room that there is.
+    pub(crate) fn copy_from(&mut self, other: &NodalAveraged) {
+        self.group.clone_from(&other.group);
+        self.entry.clone_from(&other.entry);
+    }
+
+    /// Second derivatives of W \[N/m\]: parts (i, j, block) of the upper half.
+    pub fn tangent(&self, u: &[Lane]) -> Vec<(usize, usize, Matrix3<f64>)> {
+        let mut entries = Vec::new();
+        for p in (0..self.material.len()).filter(|p| self.volume(*p) > 0.0) {
+            let f = Matrix3::identity() + self.gradient(p, u);
+            let (volume, c) = (self.volume(p), self.hourglass(p));
+            let own = self.node[p] as usize;
+            for k in self.row(p) {
+                let d_k = self.d(k);
+                let change = |axis: usize| {
+                    let df = Vec3::ith(axis, 1.0) * d_k.transpose() / volume;
+                    self.law.tangent(&self.material[p], &f, &df)
+                };
+                let change = [0, 1, 2].map(change);
+                for j in self.row(p) {
+                    let (i, other) = (self.column[j] as usize, self.column[k] as usize);
+                    if i > other {
+                        continue;
+                    }
+                    let d_j = self.d(j);
+                    let mut block = Matrix3::from_columns(&change.map(|s| s * d_j));
+                    for axis in 0..3 {
+                        block[(axis, axis)] -= c * d_j.dot(&d_k) / volume;
+                    }
+                    entries.push((i, other, block));
+                }
+                let half = Matrix3::identity() * (0.5 * self.entry[k].0[3]);
+                let other = self.column[k] as usize;
+                if other != own {
+                    entries.push((own, own, -half));
+                    entries.push((other, other, -half));
+                    entries.push((own.min(other), own.max(other), half));
+                }
+            }
+        }
+        entries
+    }
+
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.group[..])
+            + size_of_val(&self.entry[..])
+            + size_of_val(&self.column[..])
+            + size_of_val(&self.node[..])
+            + size_of_val(&self.start[..])
+    }
+}
