@@ -160,6 +160,16 @@ impl Simulation {
         self.halvings
     }
 
+    /// Whether a tetrahedron of a non-linear law is inside out now.
+    pub fn is_inverted(&self) -> bool {
+        self.state.extent.least <= 0.0
+    }
+
+    /// Share of the dynamic tetrahedra whose law is not the linear one.
+    pub fn nonlinear_fraction(&self) -> f64 {
+        if self.model.law().is_some() { 1.0 } else { 0.0 }
+    }
+
     /// Whether a cautery has touched pre-computed tissue, which cannot be cut.
     pub fn spared(&self) -> bool {
         self.work.spared

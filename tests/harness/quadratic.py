@@ -31,8 +31,8 @@ RATIOS = [0.45, 0.499]
 def extrapolated(levels, values):
     """Limit and relative error from v + C level^-p through the last three.
 
-    Without such a p between 1/2 and 6: the last value. The error is never under a quarter of the
-    last change: a limit is believed to a fraction of itself only.
+    Without such a p between 1/2 and 6: the last value, and the last change as its error. Else the
+    error is what was extrapolated, and never under half of the last change.
     """
     (a, b, c), (x, y, z) = levels[-3:], values[-3:]
 
@@ -43,7 +43,8 @@ def extrapolated(levels, values):
     if (x - y) * (y - z) > 0 and miss(0.5) * miss(6) < 0:
         p = brentq(miss, 0.5, 6)
         limit = z + (z - y) * c**-p / (b**-p - c**-p)
-    return limit, max(abs(limit - z) / 2, abs(z - y) / 4 if limit != z else abs(z - y)) / abs(limit)
+    least = abs(z - y) if limit == z else abs(z - y) / 2
+    return limit, max(abs(limit - z), least) / abs(limit)
 
 
 def ladder(study, law, poisson):

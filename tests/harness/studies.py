@@ -200,7 +200,7 @@ def block():
     side = Axis((0, 0.02, 0.04, 0.06), (4, 4, 4), (2, 1), (0.02,), 0.03)
     axes = (side, side, Axis((0, 0.06), (10,), (3,), (0, 0.06)))
     patch = Grip(2, 0.06, (0, 0, -0.012), ((0, 0.02, 0.04), (1, 0.02, 0.04)))
-    return Study("block", axes, (Grip(2, 0), patch), 2, (1, 2, 3))
+    return Study("block", axes, (Grip(2, 0), patch), 2, (2, 3, 4))
 
 
 def tapered(nodes):
@@ -248,7 +248,7 @@ def twist():
     side = Axis((0, 0.02), (6,), (2,), (0, 0.02))
     axes = (side, side, Axis((0, 0.1), (40,), (6,), (0, 0.1)))
     grips = (Grip(2, 0), Grip(2, 0.1, quarter_turn))
-    return Study("twist", axes, grips, 2, (2, 3, 4), torque=True, guess=helix)
+    return Study("twist", axes, grips, 2, (3, 4, 5), torque=True, guess=helix)
 
 
 def shear():

@@ -295,6 +295,7 @@ impl Instance {
         let removed = self.simulation.state().live.removed.len();
         let halvings = self.simulation.halvings();
         let told = self.limits_met();
+        let was_inverted = self.simulation.is_inverted();
         let outcome = self.simulation.step(length);
         if let Err(e @ (StepError::Length(_) | StepError::TooLong(..))) = outcome {
             return Err(error(e));
@@ -321,6 +322,13 @@ impl Instance {
                 self.logger.log(Status::Warning, &line);
             }
         }
+        if !was_inverted && self.simulation.is_inverted() && self.logger.wants(Status::Warning) {
+            let ratio = self.simulation.minimum_volume_ratio();
+            let line = format!(
+                "fmi2DoStep: before {end} s a tetrahedron was turned inside out (volume ratio {ratio:.3}); stableNeoHookean brings it back where the tissue has room"
+            );
+            self.logger.log(Status::Warning, &line);
+        }
         self.report(end, removed, halvings);
         Ok(())
     }
@@ -340,9 +348,13 @@ impl Instance {
     fn report(&self, time: f64, removed_before: usize, halvings_before: u32) {
         let halvings = self.simulation.halvings();
         if halvings != halvings_before && self.logger.wants(Status::Warning) {
-            let line = format!(
-                "fmi2DoStep: in the step to {time} s the substep had to be halved {halvings} times to be stable"
-            );
+            let line = match halvings {
+                0 => format!("fmi2DoStep: in the step to {time} s the substep was whole again"),
+                _ => format!(
+                    "fmi2DoStep: in the step to {time} s the substep had to be halved {halvings} times to be stable; it was {:.3e} s",
+                    self.simulation.substep()
+                ),
+            };
             self.logger.log(Status::Warning, &line);
         }
         let removed = self.simulation.state().live.removed.len();
