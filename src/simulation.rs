@@ -160,9 +160,9 @@ impl Simulation {
         self.halvings
     }
 
-    /// Whether a tetrahedron of a non-linear law is inside out now.
-    pub fn is_inverted(&self) -> bool {
-        self.state.extent.least <= 0.0
+    /// The smallest volume ratio that a non-linear law is given, where tissue is inside out now.
+    pub fn inverted(&self) -> Option<f64> {
+        Some(self.state.extent.least).filter(|ratio| *ratio <= 0.0)
     }
 
     /// Share of the dynamic tetrahedra whose law is not the linear one.

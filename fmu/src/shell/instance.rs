@@ -295,7 +295,7 @@ impl Instance {
         let removed = self.simulation.state().live.removed.len();
         let halvings = self.simulation.halvings();
         let told = self.limits_met();
-        let was_inverted = self.simulation.is_inverted();
+        let was_inverted = self.simulation.inverted().is_some();
         let outcome = self.simulation.step(length);
         if let Err(e @ (StepError::Length(_) | StepError::TooLong(..))) = outcome {
             return Err(error(e));
@@ -322,10 +322,11 @@ impl Instance {
                 self.logger.log(Status::Warning, &line);
             }
         }
-        if !was_inverted && self.simulation.is_inverted() && self.logger.wants(Status::Warning) {
-            let ratio = self.simulation.minimum_volume_ratio();
+        if let (false, Some(ratio)) = (was_inverted, self.simulation.inverted())
+            && self.logger.wants(Status::Warning)
+        {
             let line = format!(
-                "fmi2DoStep: before {end} s a tetrahedron was turned inside out (volume ratio {ratio:.3}); stableNeoHookean brings it back where the tissue has room"
+                "fmi2DoStep: before {end} s tissue was turned inside out (volume ratio {ratio:.3}); stableNeoHookean brings it back where the tissue has room"
             );
             self.logger.log(Status::Warning, &line);
         }
