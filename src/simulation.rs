@@ -160,7 +160,7 @@ impl Simulation {
         self.halvings
     }
 
-    /// The smallest volume ratio that a non-linear law is given, where tissue is inside out now.
+    /// The smallest volume ratio of tetrahedra with a non-linear law, where one is inside out now.
     pub fn inverted(&self) -> Option<f64> {
         Some(self.state.extent.least).filter(|ratio| *ratio <= 0.0)
     }
