@@ -5,6 +5,7 @@
 
 use nalgebra::Matrix3;
 
+use crate::element::kernel::Kernel;
 use crate::element::nodal_averaged::NodalAveraged;
 use crate::element::{Elements, tetrahedra};
 use crate::law::response::Law;

@@ -1,11 +1,13 @@
 //! Elements: how vertices make a deformation gradient.
 
 pub mod constant_strain;
+pub mod kernel;
 pub mod nodal_averaged;
 pub mod tetrahedra;
 
 use crate::law::response::Law;
 use crate::model::tensor_mass::Lane;
+use kernel::Kernel;
 use nodal_averaged::NodalAveraged;
 use tetrahedra::{Extent, Tetrahedra};
 

@@ -16,12 +16,11 @@
 use nalgebra::Matrix3;
 
 use super::constant_strain::Shape;
-use super::tetrahedra::{Extent, Reach, parameters};
-use crate::lanes::{self, Four, Plain, Square};
+use super::kernel::{Kernel, parameters};
+use super::tetrahedra::{Extent, Reach};
+use crate::lanes::{self, Four, Square};
 use crate::law::linear::Hooke;
 use crate::law::response::{Law, Point, Response};
-use crate::law::st_venant_kirchhoff::StVenantKirchhoff;
-use crate::law::stable_neo_hookean::StableNeoHookean;
 use crate::mesh::Vec3;
 use crate::model::tensor_mass::Lane;
 
@@ -156,134 +155,6 @@ impl NodalAveraged {
                 group.direction[axis][lane] = fibre.direction[axis];
             }
             group.kappa[lane] = fibre.kappa;
-        }
-    }
-
-    /// Adds dW/du \[N\] at displacements u to what there is. Returns W \[J\] and how far points are deformed.
-    pub fn add_forces(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
-        assert!(u.len() == to.len());
-        #[cfg(target_arch = "x86_64")]
-        if lanes::has_avx2() {
-            // SAFETY: it is there; nodes are below the number of moving nodes, and so of `u`, by construction.
-            return unsafe { self.avx2(u, to) };
-        }
-        self.add_forces_plain(u, to)
-    }
-
-    /// The same in plain code, for machines without AVX2 and as the fast form's oracle.
-    pub fn add_forces_plain(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
-        // SAFETY: plain code has no needs.
-        unsafe { self.dispatch::<Plain>(u, to) }
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2,fma")]
-    unsafe fn avx2(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
-        // SAFETY: the caller's.
-        unsafe { self.dispatch::<lanes::Avx2>(u, to) }
-    }
-
-    #[inline(always)]
-    unsafe fn dispatch<V: Four>(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
-        // SAFETY: the caller's.
-        unsafe {
-            match (self.law, self.has_fibre) {
-                (Law::StVenantKirchhoff, false) => {
-                    self.kernel::<V, StVenantKirchhoff, false>(u, to)
-                }
-                (Law::StVenantKirchhoff, true) => self.kernel::<V, StVenantKirchhoff, true>(u, to),
-                (Law::StableNeoHookean, false) => self.kernel::<V, StableNeoHookean, false>(u, to),
-                (Law::StableNeoHookean, true) => self.kernel::<V, StableNeoHookean, true>(u, to),
-            }
-        }
-    }
-
-    #[inline(always)]
-    unsafe fn kernel<V: Four, R: Response, const FIBRE: bool>(
-        &self,
-        u: &[Lane],
-        to: &mut [Lane],
-    ) -> (f64, Extent) {
-        // SAFETY: the caller's; places are in range by construction.
-        unsafe {
-            let zero = V::splat(0.0);
-            let (mut sum, mut variance) = (zero, zero);
-            let mut reach = Reach::<V>::rest();
-            for (k, group) in self.group.iter().enumerate() {
-                // Rows of the transpose of G, a point each; the fourth axis is zero.
-                let mut columns = [[zero; 4]; 3];
-                for lane in 0..4 {
-                    let p = 4 * k + lane;
-                    let own = *self.node.get_unchecked(p) as usize;
-                    let u_j = V::load(&u.get_unchecked(own).0);
-                    let (mut x, mut y, mut z, mut hourglass) = (zero, zero, zero, zero);
-                    let end = *self.start.get_unchecked(p + 1) as usize;
-                    for at in *self.start.get_unchecked(p) as usize..end {
-                        let other = *self.column.get_unchecked(at) as usize;
-                        let [d0, d1, d2, l] = self.entry.get_unchecked(at).0;
-                        let w = V::load(&u.get_unchecked(other).0).sub(u_j);
-                        x = w.mul_add(V::splat(d0), x);
-                        y = w.mul_add(V::splat(d1), y);
-                        z = w.mul_add(V::splat(d2), z);
-                        let pull = w.mul(V::splat(l));
-                        hourglass = hourglass.add(pull);
-                        variance = pull.mul_add(w, variance);
-                    }
-                    let inverse = V::splat(group.inverse[lane]);
-                    columns[0][lane] = x.mul(inverse);
-                    columns[1][lane] = y.mul(inverse);
-                    columns[2][lane] = z.mul(inverse);
-                    let force = &mut to.get_unchecked_mut(own).0;
-                    *force = V::load(force).add(hourglass).store();
-                }
-                let x = V::transpose(columns[0]);
-                let y = V::transpose(columns[1]);
-                let z = V::transpose(columns[2]);
-                let g: Square<V> = [[x[0], y[0], z[0]], [x[1], y[1], z[1]], [x[2], y[2], z[2]]];
-                let point = Point::new(g);
-                let parameters = [V::load(&group.parameters[0]), V::load(&group.parameters[1])];
-                let (mut stress, mut energy) = R::respond(&point, parameters);
-                if FIBRE {
-                    let a0 = lanes::load3(&group.direction);
-                    point.add_fibre(a0, V::load(&group.kappa), &mut stress, &mut energy);
-                }
-                reach.include(&point);
-                let c = V::load(&group.hourglass);
-                let square = lanes::dot(g[0], g[0])
-                    .add(lanes::dot(g[1], g[1]))
-                    .add(lanes::dot(g[2], g[2]));
-                let half = V::splat(-0.5).mul(c);
-                sum = half
-                    .mul_add(square, energy)
-                    .mul_add(V::load(&group.volume), sum);
-                let minus = zero.sub(c);
-                let mut q = stress;
-                for row in 0..3 {
-                    q[row][0] = minus.mul_add(g[row][0], stress[row][0]);
-                    q[row][1] = minus.mul_add(g[row][1], stress[row][1]);
-                    q[row][2] = minus.mul_add(g[row][2], stress[row][2]);
-                }
-                let x = V::transpose([q[0][0], q[1][0], q[2][0], zero]);
-                let y = V::transpose([q[0][1], q[1][1], q[2][1], zero]);
-                let z = V::transpose([q[0][2], q[1][2], q[2][2], zero]);
-                for lane in 0..4 {
-                    let p = 4 * k + lane;
-                    let end = *self.start.get_unchecked(p + 1) as usize;
-                    for at in *self.start.get_unchecked(p) as usize..end {
-                        let other = *self.column.get_unchecked(at) as usize;
-                        let [d0, d1, d2, _] = self.entry.get_unchecked(at).0;
-                        let force = &mut to.get_unchecked_mut(other).0;
-                        let sum = x[lane].mul_add(V::splat(d0), V::load(force));
-                        let sum = y[lane].mul_add(V::splat(d1), sum);
-                        *force = z[lane].mul_add(V::splat(d2), sum).store();
-                    }
-                }
-            }
-            let [a, b, c, d] = sum.store();
-            let [x, y, z, _] = variance.store();
-            // Each edge has been seen from both ends.
-            let energy = (a + b) + (c + d) - 0.25 * ((x + y) + z);
-            (energy, reach.extent())
         }
     }
 
@@ -464,5 +335,105 @@ impl NodalAveraged {
             + size_of_val(&self.column[..])
             + size_of_val(&self.node[..])
             + size_of_val(&self.start[..])
+    }
+}
+
+impl Kernel for NodalAveraged {
+    fn law(&self) -> Law {
+        self.law
+    }
+
+    fn has_fibre(&self) -> bool {
+        self.has_fibre
+    }
+
+    #[allow(private_bounds)] // as the trait
+    #[inline(always)]
+    unsafe fn kernel<V: Four, R: Response, const FIBRE: bool>(
+        &self,
+        u: &[Lane],
+        to: &mut [Lane],
+    ) -> (f64, Extent) {
+        // SAFETY: the caller's; places are in range by construction.
+        unsafe {
+            let zero = V::splat(0.0);
+            let (mut sum, mut variance) = (zero, zero);
+            let mut reach = Reach::<V>::rest();
+            for (k, group) in self.group.iter().enumerate() {
+                // Rows of the transpose of G, a point each; the fourth axis is zero.
+                let mut columns = [[zero; 4]; 3];
+                for lane in 0..4 {
+                    let p = 4 * k + lane;
+                    let own = *self.node.get_unchecked(p) as usize;
+                    let u_j = V::load(&u.get_unchecked(own).0);
+                    let (mut x, mut y, mut z, mut hourglass) = (zero, zero, zero, zero);
+                    let end = *self.start.get_unchecked(p + 1) as usize;
+                    for at in *self.start.get_unchecked(p) as usize..end {
+                        let other = *self.column.get_unchecked(at) as usize;
+                        let [d0, d1, d2, l] = self.entry.get_unchecked(at).0;
+                        let w = V::load(&u.get_unchecked(other).0).sub(u_j);
+                        x = w.mul_add(V::splat(d0), x);
+                        y = w.mul_add(V::splat(d1), y);
+                        z = w.mul_add(V::splat(d2), z);
+                        let pull = w.mul(V::splat(l));
+                        hourglass = hourglass.add(pull);
+                        variance = pull.mul_add(w, variance);
+                    }
+                    let inverse = V::splat(group.inverse[lane]);
+                    columns[0][lane] = x.mul(inverse);
+                    columns[1][lane] = y.mul(inverse);
+                    columns[2][lane] = z.mul(inverse);
+                    let force = &mut to.get_unchecked_mut(own).0;
+                    *force = V::load(force).add(hourglass).store();
+                }
+                let x = V::transpose(columns[0]);
+                let y = V::transpose(columns[1]);
+                let z = V::transpose(columns[2]);
+                let g: Square<V> = [[x[0], y[0], z[0]], [x[1], y[1], z[1]], [x[2], y[2], z[2]]];
+                let point = Point::new(g);
+                let parameters = [V::load(&group.parameters[0]), V::load(&group.parameters[1])];
+                let (mut stress, mut energy) = R::respond(&point, parameters);
+                if FIBRE {
+                    let a0 = lanes::load3(&group.direction);
+                    point.add_fibre(a0, V::load(&group.kappa), &mut stress, &mut energy);
+                }
+                reach.include(&point);
+                let c = V::load(&group.hourglass);
+                let square = lanes::dot(g[0], g[0])
+                    .add(lanes::dot(g[1], g[1]))
+                    .add(lanes::dot(g[2], g[2]));
+                let half = V::splat(-0.5).mul(c);
+                sum = half
+                    .mul_add(square, energy)
+                    .mul_add(V::load(&group.volume), sum);
+                let minus = zero.sub(c);
+                let mut q = stress;
+                for row in 0..3 {
+                    q[row][0] = minus.mul_add(g[row][0], stress[row][0]);
+                    q[row][1] = minus.mul_add(g[row][1], stress[row][1]);
+                    q[row][2] = minus.mul_add(g[row][2], stress[row][2]);
+                }
+                let x = V::transpose([q[0][0], q[1][0], q[2][0], zero]);
+                let y = V::transpose([q[0][1], q[1][1], q[2][1], zero]);
+                let z = V::transpose([q[0][2], q[1][2], q[2][2], zero]);
+                for lane in 0..4 {
+                    let p = 4 * k + lane;
+                    let end = *self.start.get_unchecked(p + 1) as usize;
+                    for at in *self.start.get_unchecked(p) as usize..end {
+                        let other = *self.column.get_unchecked(at) as usize;
+                        let [d0, d1, d2, _] = self.entry.get_unchecked(at).0;
+                        let force = &mut to.get_unchecked_mut(other).0;
+                        let sum = x[lane].mul_add(V::splat(d0), V::load(force));
+                        let sum = y[lane].mul_add(V::splat(d1), sum);
+                        *force = z[lane].mul_add(V::splat(d2), sum).store();
+                    }
+                }
+            }
+            let [a, b, c, d] = sum.store();
+            let [x, y, z, _] = variance.store();
+            // Each edge has been seen from both ends.
+            let energy = (a + b) + (c + d) - 0.25 * ((x + y) + z);
+            (energy, reach.extent())
+        }
     }
 }

@@ -8,11 +8,10 @@
 use nalgebra::Matrix3;
 
 use super::constant_strain::Shape;
+use super::kernel::{Kernel, parameters};
 use crate::lanes::{self, Four, Plain, Square, load3, product, sub3};
 use crate::law::linear::Hooke;
 use crate::law::response::{Law, Point, Response};
-use crate::law::st_venant_kirchhoff::StVenantKirchhoff;
-use crate::law::stable_neo_hookean::StableNeoHookean;
 use crate::mesh::Vec3;
 use crate::mesh::topology::NONE;
 use crate::model::tensor_mass::Lane;
@@ -190,17 +189,6 @@ impl Tetrahedra {
         (self.place[t] != NONE).then_some((place / 4, place % 4))
     }
 
-    /// Adds dW/du \[N\] at displacements u to what there is. Returns W \[J\] and how far it is deformed.
-    pub fn add_forces(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
-        assert!(u.len() == to.len());
-        #[cfg(target_arch = "x86_64")]
-        if lanes::has_avx2() {
-            // SAFETY: it is there; nodes are below the number of moving nodes, and so of `u`, by construction.
-            return unsafe { self.avx2(u, to) };
-        }
-        self.add_forces_plain(u, to)
-    }
-
     /// How far displacements u deform.
     pub fn extent(&self, u: &[Lane]) -> Extent {
         #[cfg(target_arch = "x86_64")]
@@ -219,32 +207,6 @@ impl Tetrahedra {
         unsafe { self.deformed::<lanes::Avx2>(u) }
     }
 
-    /// The same in plain code, for machines without AVX2 and as the fast form's oracle.
-    pub fn add_forces_plain(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
-        // SAFETY: plain code has no needs.
-        unsafe { self.dispatch::<Plain>(u, to) }
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2,fma")]
-    unsafe fn avx2(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
-        // SAFETY: the caller's.
-        unsafe { self.dispatch::<lanes::Avx2>(u, to) }
-    }
-
-    #[inline(always)]
-    unsafe fn dispatch<V: Four>(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
-        // SAFETY: the caller's.
-        unsafe {
-            match (self.law, self.fibre.is_empty()) {
-                (Law::StVenantKirchhoff, true) => self.kernel::<V, StVenantKirchhoff, false>(u, to),
-                (Law::StVenantKirchhoff, false) => self.kernel::<V, StVenantKirchhoff, true>(u, to),
-                (Law::StableNeoHookean, true) => self.kernel::<V, StableNeoHookean, false>(u, to),
-                (Law::StableNeoHookean, false) => self.kernel::<V, StableNeoHookean, true>(u, to),
-            }
-        }
-    }
-
     #[inline(always)]
     unsafe fn deformed<V: Four>(&self, u: &[Lane]) -> Extent {
         // SAFETY: the caller's.
@@ -257,6 +219,21 @@ impl Tetrahedra {
         }
     }
 
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.group[..]) + size_of_val(&self.fibre[..]) + size_of_val(&self.place[..])
+    }
+}
+
+impl Kernel for Tetrahedra {
+    fn law(&self) -> Law {
+        self.law
+    }
+
+    fn has_fibre(&self) -> bool {
+        !self.fibre.is_empty()
+    }
+
+    #[allow(private_bounds)] // as the trait
     #[inline(always)]
     unsafe fn kernel<V: Four, R: Response, const FIBRE: bool>(
         &self,
@@ -293,10 +270,6 @@ impl Tetrahedra {
             let [a, b, c, d] = sum.store();
             ((a + b) + (c + d), reach.extent())
         }
-    }
-
-    pub fn bytes(&self) -> usize {
-        size_of_val(&self.group[..]) + size_of_val(&self.fibre[..]) + size_of_val(&self.place[..])
     }
 }
 
@@ -370,13 +343,6 @@ impl<V: Four> Reach<V> {
                 most: i.max(j).max(k.max(l)),
             }
         }
-    }
-}
-
-pub(super) fn parameters(law: Law, material: &Hooke) -> [f64; 2] {
-    match law {
-        Law::StVenantKirchhoff => StVenantKirchhoff::parameters(material),
-        Law::StableNeoHookean => StableNeoHookean::parameters(material),
     }
 }
 

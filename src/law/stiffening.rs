@@ -24,7 +24,6 @@ impl Law {
             .map_or(0.0, |Fibre { kappa, .. }| kappa.max(0.0));
         // 2 E at most.
         let strain = (stretch * stretch - 1.0).max(0.0);
-        let fibre = |of: f64| (stretch * stretch * 2.0 * kappa + kappa * strain) / of;
         let ratio = match self {
             Law::StVenantKirchhoff => {
                 let stress = 0.5 * lambda * extent.trace.max(0.0) + (mu + kappa) * strain;
@@ -41,16 +40,12 @@ impl Law {
                 let pressure = |j: f64| (l * (j - 1.0) - 0.75 * m).abs();
                 let largest = pressure(extent.least).max(pressure(extent.most));
                 let rest = bound(3.0, 1.0, 1.0, 0.75 * m);
-                bound(square, area, stretch, largest) / rest + fibre(lambda + 2.0 * mu)
-                    - fibre_at_rest(kappa, lambda + 2.0 * mu)
+                bound(square, area, stretch, largest) / rest
+                    + 3.0 * kappa * strain / (lambda + 2.0 * mu)
             }
         };
         ratio.max(1.0)
     }
-}
-
-fn fibre_at_rest(kappa: f64, of: f64) -> f64 {
-    2.0 * kappa / of
 }
 
 /// Largest singular value s of F: with J = det F the others give s² + 2 J/s <= F:F at least.

@@ -409,13 +409,13 @@ impl Model {
             let (bound, rest) = (Springs::tangent_bound, Springs::tangent_at_rest);
             (bound(springs, &self.pattern), rest(springs, &self.pattern))
         });
-        let (pattern, at_rest) = match springs {
-            Some(_) => Default::default(),
-            None => live.tangent_at_rest(self),
-        };
-        let at_rest = Stiffness {
-            pattern: &pattern,
-            ..self.stiffness(&at_rest)
+        let tangent = live.elements.as_ref().map(|_| live.tangent_at_rest(self));
+        let at_rest = match &tangent {
+            None => self.stiffness(&live.tensors),
+            Some((pattern, tensors)) => Stiffness {
+                pattern,
+                ..self.stiffness(tensors)
+            },
         };
         let (stiffest, stiffness) = match &springs {
             Some((bound, rest)) => (self.stiffness(bound), self.stiffness(rest)),

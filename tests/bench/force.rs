@@ -7,6 +7,7 @@ use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant;
 
+use tissue::element::kernel::Kernel;
 use tissue::element::nodal_averaged::NodalAveraged;
 use tissue::element::tetrahedra::Tetrahedra;
 use tissue::law::response::Law;
