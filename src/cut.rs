@@ -102,8 +102,9 @@ pub fn event(
 /// of which nothing is left are at rest and let go.
 fn settle(model: &Model, state: &mut State, first: usize, nodes: &mut Vec<u32>) {
     nodes.clear();
-    let removed = state.live.removed[first..].iter();
-    nodes.extend(removed.flat_map(|t| state.live.tetrahedra[*t as usize]));
+    for t in &state.live.removed[first..] {
+        nodes.extend_from_slice(&state.live.tetrahedra[*t as usize]);
+    }
     nodes.sort_unstable();
     nodes.dedup();
     let share = |state: &State| (state.live).share(nodes, &state.displacement, &state.velocity);

@@ -256,6 +256,22 @@ impl LiveMesh {
         }
     }
 
+    /// Those on the nodes of whole pieces, which `to` gets.
+    pub(crate) fn internal_forces(
+        &self,
+        model: &Model,
+        nodes: &[u32],
+        u: &[Lane],
+        to: &mut [Lane],
+    ) {
+        if self.springs.is_none() && self.elements.is_none() {
+            return (self.tensors).products_among(self.pattern(model), nodes, u, to);
+        }
+        for node in nodes {
+            to[*node as usize] = self.internal_force(model, *node as usize, u).into();
+        }
+    }
+
     /// That of the elements round a node.
     fn star_force(&self, model: &Model, law: Law, i: usize, u: &[Lane]) -> Vec3 {
         let mut sum = Vec3::zeros();
@@ -393,18 +409,17 @@ impl LiveMesh {
             }
             nodes.extend(corners);
         }
-        edges.sort_unstable();
-        edges.dedup();
-        nodes.sort_unstable();
-        nodes.dedup();
+        if self.dirty.len() > 1 {
+            edges.sort_unstable();
+            edges.dedup();
+            nodes.sort_unstable();
+            nodes.dedup();
+        }
         // Elements are not gathered on edges.
-        edges.truncate(if self.elements.is_some() {
-            0
-        } else {
-            edges.len()
-        });
-        for (ends, edge) in &edges {
-            self.sum_edge(model, *ends, *edge);
+        if self.elements.is_none() {
+            for (ends, edge) in &edges {
+                self.sum_edge(model, *ends, *edge);
+            }
         }
         for node in &nodes {
             self.sum_node(model, *node as usize);

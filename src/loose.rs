@@ -44,8 +44,8 @@ pub struct Scratch {
     /// dW/dx and the force of damping \[N\], both against the motion.
     force: Vec<Vec3>,
     drag: Vec<Vec3>,
-    /// K w \[N\] as measured.
-    inner: Vec<Vec3>,
+    /// K w \[N\] as measured, a moving node each; of old where not loose.
+    inner: Vec<Lane>,
     /// Energy of the loose pieces \[J\]; of tensors only.
     elastic: f64,
     /// Power that damping takes from them \[W\].
@@ -90,7 +90,7 @@ impl Scratch {
             aside: Vec::with_capacity(moving),
             force: Vec::with_capacity(moving),
             drag: Vec::with_capacity(moving),
-            inner: Vec::with_capacity(moving),
+            inner: vec![Lane::default(); moving],
             local: vec![Lane::default(); moving],
             touched: Vec::with_capacity(moving),
             flights: Vec::with_capacity(moving),
@@ -157,7 +157,8 @@ impl Scratch {
         }
         for (at, piece) in state.live.pieces.loose().enumerate() {
             let frame = self.frames[at];
-            self.turn_back(state, piece, &frame, self.brake * by.damping);
+            self.turn_back(state, piece.clone(), &frame);
+            self.drag(state, piece, &frame, self.brake * by.damping);
         }
         let moving = model.parts.moving;
         let mut motion = Motion {
@@ -196,7 +197,8 @@ impl Scratch {
         self.braked = 0.0;
         self.make_room(state);
         for piece in state.live.pieces.loose() {
-            let (frame, elastic) = self.measure_piece(model, state, piece);
+            let (frame, elastic) = self.measure_piece(model, state, piece.clone());
+            self.drag(state, piece, &frame, state.parameters.damping);
             self.frames.push(frame);
             self.elastic += elastic;
         }
@@ -233,7 +235,6 @@ impl Scratch {
     fn make_room(&mut self, state: &State) {
         let count = state.live.pieces.loose_nodes().len();
         self.force.resize(count, Vec3::zeros());
-        self.inner.resize(count, Vec3::zeros());
         self.drag.resize(count, Vec3::zeros());
     }
 
@@ -248,28 +249,27 @@ impl Scratch {
         let nodes = &live.pieces.loose_nodes()[piece.clone()];
         let frame = self.locate_piece(state, piece.clone());
         let mut elastic = 0.0;
+        live.internal_forces(model, nodes, &self.local, &mut self.inner);
         for (k, node) in piece.clone().zip(nodes) {
-            let force = live.internal_force(model, *node as usize, &self.local);
+            let force = self.inner[*node as usize].xyz();
             elastic += 0.5 * force.dot(&self.local[*node as usize].xyz());
             self.force[k] = force;
-            self.inner[k] = force;
         }
-        self.turn_back(state, piece, &frame, state.parameters.damping);
+        self.turn_back(state, piece, &frame);
         (frame, elastic)
     }
 
-    /// Forces of a piece from its frame to the world; drags by damping \[1/s\].
-    fn turn_back(
-        &mut self,
-        state: &State,
-        piece: std::ops::Range<usize>,
-        frame: &Frame,
-        damping: f64,
-    ) {
-        let nodes = &state.live.pieces.loose_nodes()[piece.clone()];
+    /// Forces of a piece from its frame to the world.
+    fn turn_back(&mut self, state: &State, piece: std::ops::Range<usize>, frame: &Frame) {
         if !state.live.is_objective() {
-            frame.turn_back(state, nodes, &mut self.force[piece.clone()]);
+            let nodes = &state.live.pieces.loose_nodes()[piece.clone()];
+            frame.turn_back(state, nodes, &mut self.force[piece]);
         }
+    }
+
+    /// Its drags by damping \[1/s\].
+    fn drag(&mut self, state: &State, piece: std::ops::Range<usize>, frame: &Frame, damping: f64) {
+        let nodes = &state.live.pieces.loose_nodes()[piece.clone()];
         for (k, node) in piece.zip(nodes) {
             let i = *node as usize;
             let at = state.live.rest[i] + state.displacement[i].xyz();
@@ -454,7 +454,7 @@ impl Scratch {
         let mut sum = 0.0;
         for k in piece {
             let i = state.live.pieces.loose_nodes()[k] as usize;
-            sum += 0.5 * self.inner[k].dot(&self.local[i].xyz())
+            sum += 0.5 * self.inner[i].xyz().dot(&self.local[i].xyz())
                 + 0.5 * state.live.mass[i] * state.velocity[i].xyz().norm_squared()
                 - state.external[i].xyz().dot(&state.displacement[i].xyz());
         }
@@ -719,7 +719,8 @@ fn polar(a: &Matrix3<f64>) -> Matrix3<f64> {
             let next = (q * g + inverse.transpose() / g) * 0.5;
             let change = (next - q).norm();
             q = next;
-            if change < 1e-14 {
+            if change < 1e-8 {
+                // The next one would be of its square.
                 return q;
             }
         }

@@ -95,6 +95,8 @@ pub struct Search {
     at_node: Vec<u32>,
     /// As they were, where all are found afresh.
     pieces: Pieces,
+    /// Nodes of loose pieces, ascending.
+    loose: Vec<u32>,
     /// Labels of the pieces that are new or another now, and whether what they come from was loose.
     pub(crate) changed: Vec<(u32, bool)>,
 }
@@ -113,6 +115,7 @@ impl Search {
         }
         Search {
             pieces,
+            loose: vec![0; model.mesh.nodes.len()],
             group: vec![NONE; count],
             behind: vec![NONE; count],
             reached: room(),
@@ -288,7 +291,7 @@ impl Pieces {
     /// Of all that is alive.
     pub fn whole(model: &Model, tissue: &Tissue) -> Pieces {
         let mut pieces = Pieces::default();
-        pieces.find_all(model, tissue);
+        pieces.find_all(model, tissue, &mut Vec::new());
         pieces
     }
 
@@ -333,7 +336,7 @@ impl Pieces {
         self.ends.clone_from(&other.ends);
     }
 
-    fn find_all(&mut self, model: &Model, tissue: &Tissue) {
+    fn find_all(&mut self, model: &Model, tissue: &Tissue, loose: &mut Vec<u32>) {
         let nodes = model.mesh.nodes.len();
         self.label.clear();
         self.label.resize(nodes, NONE);
@@ -369,7 +372,7 @@ impl Pieces {
                 self.count_modes(model, tissue, v);
             }
         }
-        self.list(model);
+        self.list(model, loose);
     }
 
     /// Rigid motions that supports leave a piece.
@@ -393,42 +396,47 @@ impl Pieces {
     }
 
     /// Lists the nodes of loose pieces. One with pre-computed tissue in it has no frame.
-    fn list(&mut self, model: &Model) {
+    fn list(&mut self, model: &Model, found: &mut Vec<u32>) {
         self.nodes.clear();
         self.ends.clear();
         self.has_frameless = false;
-        if model.parts.has_precomputed() {
-            for v in model.parts.connected_from()..self.label.len() {
-                if self.label[v] != NONE {
-                    let label = self.label[v] as usize;
-                    self.has_frameless |= self.modes[label] > 0;
-                    self.is_loose[label] = false;
-                }
+        for v in model.parts.connected_from()..self.label.len() {
+            if self.label[v] != NONE {
+                let label = self.label[v] as usize;
+                self.has_frameless |= self.modes[label] > 0;
+                self.is_loose[label] = false;
             }
         }
-        // How many each has, where it starts, and as nodes take their places where it ends.
+        // Without branches: which nodes are loose follows no pattern.
         let label = &self.label;
-        let is_loose = |v: &usize| label[*v] != NONE && self.is_loose[label[*v] as usize];
+        found.resize(label.len(), 0);
+        let mut count = 0;
+        for v in 0..model.parts.moving {
+            let own = label[v];
+            let is_loose = (own != NONE) & self.is_loose[(own as usize).min(label.len() - 1)];
+            found[count] = v as u32;
+            count += usize::from(is_loose);
+        }
+        let found = &found[..count];
+        // How many each has, where it starts, and as nodes take their places where it ends.
         self.ends.resize(label.len(), 0);
-        for v in (0..model.parts.moving).filter(is_loose) {
-            self.ends[label[v] as usize] += 1;
+        for v in found {
+            self.ends[label[*v as usize] as usize] += 1;
         }
         let mut from = 0;
         for end in &mut self.ends {
             from += std::mem::replace(end, from);
         }
-        self.nodes.resize(from as usize, 0);
-        for v in (0..model.parts.moving).filter(is_loose) {
-            let end = &mut self.ends[label[v] as usize];
-            self.nodes[*end as usize] = v as u32;
+        self.nodes.resize(count, 0);
+        for v in found {
+            let end = &mut self.ends[label[*v as usize] as usize];
+            self.nodes[*end as usize] = *v;
             *end += 1;
         }
         let mut pieces = 0;
-        for v in 0..model.parts.moving {
-            if label[v] == v as u32 && self.is_loose[v] {
-                self.ends[pieces] = self.ends[v];
-                pieces += 1;
-            }
+        for v in found.iter().filter(|v| label[**v as usize] == **v) {
+            self.ends[pieces] = self.ends[*v as usize];
+            pieces += 1;
         }
         self.ends.truncate(pieces);
     }
@@ -473,7 +481,7 @@ impl Pieces {
             // Vertices that hold parts together do not show in stars.
             let mut before = std::mem::take(&mut search.pieces);
             before.copy_from(self);
-            self.find_all(model, tissue);
+            self.find_all(model, tissue, &mut search.loose);
             for node in self
                 .nodes
                 .iter()
@@ -520,7 +528,7 @@ impl Pieces {
             }
         }
         if lists {
-            self.list(model);
+            self.list(model, &mut search.loose);
         }
     }
 
@@ -643,7 +651,10 @@ pub fn free_modes(held: impl Iterator<Item = (Vec3, [bool; 3])> + Clone) -> usiz
         return 0;
     }
     let count = held.clone().count();
-    let middle = held.clone().map(|(at, _)| at).sum::<Vec3>() / count.max(1) as f64;
+    if count == 0 {
+        return 6;
+    }
+    let middle = held.clone().map(|(at, _)| at).sum::<Vec3>() / count as f64;
     let size = (held.clone())
         .map(|(at, _)| (at - middle).norm())
         .fold(f64::MIN_POSITIVE, f64::max);

@@ -35,7 +35,8 @@ pub enum Repair {
 #[derive(Clone, Debug, Default)]
 pub struct Worklist {
     vertices: Queue<u32>,
-    edges: Queue<[u32; 2]>,
+    /// Ends, and the edge that they belonged to before any split.
+    edges: Queue<([u32; 2], u32)>,
     /// The star in hand: its live tetrahedra, the component of each, and room to walk.
     star: Vec<u32>,
     component: Vec<u32>,
@@ -104,10 +105,11 @@ impl Worklist {
     pub fn note(&mut self, model: &Model, live: &LiveMesh, t: u32) -> bool {
         let mut splits = false;
         let nodes = &live.tetrahedra[t as usize];
-        for [a, b, c, d] in EDGES {
+        let own = &model.topology.tetrahedron_edges[t as usize];
+        for ([a, b, c, d], edge) in EDGES.into_iter().zip(own) {
             if !linked_round(model, live, t, [a, b], [c, d]) {
                 splits = true;
-                self.edges.push([nodes[a], nodes[b]]);
+                self.edges.push(([nodes[a], nodes[b]], *edge));
                 self.vertices.push(nodes[a]);
                 self.vertices.push(nodes[b]);
             }
@@ -120,6 +122,8 @@ impl Worklist {
         which.clear();
         // Vertices first: whatever hangs by one goes whole.
         while let Some(v) = self.vertices.pop() {
+            self.star.clear();
+            self.star.extend(live.star(model, v));
             if !self.split(model, live, [v, v]) {
                 continue;
             }
@@ -137,8 +141,15 @@ impl Worklist {
             }
             self.vertices.items.pop();
         }
-        while let Some(edge) = self.edges.pop() {
-            if self.split(model, live, edge) {
+        while let Some((ends, edge)) = self.edges.pop() {
+            self.star.clear();
+            for t in model.topology.edge_star(edge) {
+                let nodes = &live.tetrahedra[*t as usize];
+                if live.alive[*t as usize] && ends.iter().all(|end| nodes.contains(end)) {
+                    self.star.push(*t);
+                }
+            }
+            if self.split(model, live, ends) {
                 self.lose(model, which);
                 return Some(Repair::Lose);
             }
@@ -149,19 +160,16 @@ impl Worklist {
     /// After node `old` has been split: edges still to be looked at may have gone with the new one.
     pub fn note_split(&mut self, old: u32, new: u32) {
         for at in self.edges.next..self.edges.items.len() {
-            let edge = self.edges.items[at];
-            if edge.contains(&old) {
-                self.edges
-                    .push(edge.map(|v| if v == old { new } else { v }));
+            let (ends, edge) = self.edges.items[at];
+            if ends.contains(&old) {
+                let ends = ends.map(|v| if v == old { new } else { v });
+                self.edges.push((ends, edge));
             }
         }
     }
 
-    /// Components of the live star of an edge, or of a vertex named twice. Whether there are several.
+    /// Components of the star in hand, of an edge or of a vertex named twice. Whether there are several.
     fn split(&mut self, model: &Model, live: &LiveMesh, edge: [u32; 2]) -> bool {
-        let of_edge = |t: &u32| live.tetrahedra[*t as usize].contains(&edge[1]);
-        self.star.clear();
-        (self.star).extend(live.star(model, edge[0]).filter(of_edge));
         self.component.clear();
         self.component.resize(self.star.len(), NONE);
         self.place.resize(model.mesh.tetrahedra.len(), NONE);

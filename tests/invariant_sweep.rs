@@ -108,4 +108,10 @@ fn row_products_are_rows_of_the_product() {
     for (i, f) in all.iter().enumerate() {
         assert!((tensors.row_product(&model.pattern, i, &u) - f).amax() < 1e-14 * scale);
     }
+    let nodes: Vec<u32> = (0..n as u32).collect();
+    let mut to = vec![Lane([1.0; 4]); n];
+    tensors.products_among(&model.pattern, &nodes, &u, &mut to);
+    for (to, f) in to.iter().zip(&all) {
+        assert!((to.xyz() - f).amax() < 1e-14 * scale);
+    }
 }

@@ -7,6 +7,7 @@
 use nalgebra::Matrix3;
 
 use crate::element::constant_strain::Shape;
+use crate::lanes::{self, Four, Plain};
 use crate::law::linear::Hooke;
 use crate::mesh::Vec3;
 use crate::mesh::topology::NONE;
@@ -270,6 +271,17 @@ impl Tensors {
         }
     }
 
+    /// Numbers `from` to `from` + 3.
+    ///
+    /// # Safety
+    /// As [`Four`]; `from` is in a place of the pattern, behind the last of which is padding.
+    #[inline(always)]
+    unsafe fn quad<V: Four>(&self, from: usize) -> V {
+        debug_assert!(from + 4 <= self.0.len());
+        // SAFETY: the caller's; an array of four f64 has the alignment of one.
+        unsafe { V::load(&*self.0.as_ptr().add(from).cast()) }
+    }
+
     fn at(&self, place: usize) -> Matrix3<f64> {
         Matrix3::from_row_slice(&self.0[9 * place..9 * place + 9])
     }
@@ -294,6 +306,18 @@ impl Tensors {
             sum += self.at(place as usize).tr_mul(&u[j as usize].xyz());
         }
         sum
+    }
+
+    /// K u \[N\] of nodes that share tensors with each other alone, which `to` gets; its fourth lane is undefined.
+    pub fn products_among(&self, pattern: &Pattern, nodes: &[u32], u: &[Lane], to: &mut [Lane]) {
+        assert!(self.0.len() == 9 * pattern.column.len() + 3);
+        #[cfg(target_arch = "x86_64")]
+        if lanes::has_avx2() {
+            // SAFETY: it is there; the length is checked.
+            return unsafe { avx2_among(self, pattern, nodes, u, to) };
+        }
+        // SAFETY: plain code needs no machine; the length is checked.
+        unsafe { among::<Plain>(self, pattern, nodes, u, to) }
     }
 
     /// K u \[N\], plain. Also the oracle of the fused sweep.
@@ -326,5 +350,52 @@ impl Tensors {
 
     pub fn bytes(&self) -> usize {
         8 * self.0.len()
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+unsafe fn avx2_among(t: &Tensors, pattern: &Pattern, nodes: &[u32], u: &[Lane], to: &mut [Lane]) {
+    // SAFETY: the caller's.
+    unsafe { among::<lanes::Avx2>(t, pattern, nodes, u, to) }
+}
+
+/// # Safety
+/// As [`Four`]; tensors are as many as places.
+#[inline(always)]
+unsafe fn among<V: Four>(
+    tensors: &Tensors,
+    pattern: &Pattern,
+    nodes: &[u32],
+    u: &[Lane],
+    to: &mut [Lane],
+) {
+    for i in nodes {
+        to[*i as usize] = Lane::default();
+    }
+    for i in nodes.iter().map(|i| *i as usize) {
+        // SAFETY: the caller's; places are the pattern's.
+        unsafe {
+            let zero = V::splat(0.0);
+            let mut row = [zero; 3];
+            let by = [u[i].0[0], u[i].0[1], u[i].0[2]].map(|x| V::splat(x));
+            let own = pattern.row(i);
+            for place in own.clone() {
+                let j = pattern.column[place] as usize;
+                let u = V::load(&u[j].0);
+                let mut back = V::load(&to[j].0);
+                for k in 0..3 {
+                    let numbers = tensors.quad::<V>(9 * place + 3 * k);
+                    row[k] = numbers.mul_add(u, row[k]);
+                    back = numbers.mul_add(by[k], back);
+                }
+                if place > own.start {
+                    to[j].0 = back.store();
+                }
+            }
+            let turned = V::transpose([row[0], row[1], row[2], zero]);
+            let sum = turned[0].add(turned[1]).add(turned[2]);
+            to[i].0 = sum.add(V::load(&to[i].0)).store();
+        }
     }
 }
