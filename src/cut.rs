@@ -167,7 +167,7 @@ fn remove(model: &Model, state: &mut State, worklist: &mut Worklist, t: u32) -> 
     let nodes = state.live.tetrahedra[t as usize].map(|v| v as usize);
     let u = nodes.map(|i| state.displacement[i].xyz());
     let v = nodes.map(|i| state.velocity[i].xyz());
-    let (internal, elastic) = model.tetrahedron_force(t as usize, &u);
+    let (internal, elastic) = model.tetrahedron_force(&state.live, t as usize, &u);
     let mass = nodes.map(|i| state.live.mass[i]);
     let external = nodes.map(|i| state.external[i].xyz());
     state.live.remove(model, t);

@@ -5,6 +5,7 @@ use nalgebra::Matrix3;
 use crate::element::Elements;
 use crate::element::nodal_averaged::NodalAveraged;
 use crate::element::tetrahedra::{self, Extent, Tetrahedra};
+use crate::law::linear::Hooke;
 use crate::law::response::Law;
 use crate::mesh::Vec3;
 use crate::mesh::topology::{EDGES, NONE};
@@ -72,7 +73,7 @@ impl LiveMesh {
         let nodes = model.mesh.nodes.len();
         let springs = (model.scene.model.kind == ModelKind::SpringMass)
             .then(|| Springs::new(&model.pattern, &model.mesh.nodes));
-        let elements = model.law().map(|law| {
+        let mut elements = model.law().map(|law| {
             let moves = |t: &usize| model.parts.dynamic[*t];
             let each = Tetrahedra::new(law, &model.mesh.tetrahedra, |t| {
                 let t = Some(t).filter(moves)?;
@@ -89,6 +90,9 @@ impl LiveMesh {
             });
             Elements::NodalAveraged(Box::new(own), each)
         });
+        if let Some(elements) = &mut elements {
+            elements.set_penalty(model.penalty());
+        }
         let is_linear = springs.is_none() && elements.is_none();
         let tensors = match is_linear {
             true => Tensors::zeros(&model.pattern),
@@ -227,7 +231,8 @@ impl LiveMesh {
         let mut tensors = Tensors::zeros(pattern);
         for (t, nodes) in self.tetrahedra.iter().enumerate() {
             if self.alive[t] && model.parts.dynamic[t] {
-                tensors.accumulate(pattern, nodes, &model.shape[t], &model.material(t).law);
+                let material = self.material(model, t).at_rest();
+                tensors.accumulate(pattern, nodes, &model.shape[t], &material);
             }
         }
         (pattern.clone(), tensors)
@@ -256,6 +261,19 @@ impl LiveMesh {
         }
     }
 
+    /// Volume penalty \[Pa\], where there are elements.
+    pub fn set_penalty(&mut self, penalty: f64) {
+        if let Some(elements) = &mut self.elements {
+            elements.set_penalty(penalty);
+        }
+    }
+
+    /// Of tetrahedron `t`, with the present volume penalty.
+    pub fn material(&self, model: &Model, t: usize) -> Hooke {
+        let penalty = self.elements.as_ref().map_or(0.0, Elements::penalty);
+        model.material(t).law.with_penalty(penalty)
+    }
+
     /// Those on the nodes of whole pieces, which `to` gets.
     pub(crate) fn internal_forces(
         &self,
@@ -281,9 +299,9 @@ impl LiveMesh {
         let own = |t: &u32| model.parts.dynamic[*t as usize];
         for t in self.star(model, i as u32).filter(own) {
             let (t, nodes) = (t as usize, self.tetrahedra[t as usize]);
-            let (shape, material) = (&model.shape[t], &model.material(t).law);
+            let (shape, material) = (&model.shape[t], self.material(model, t));
             let u = nodes.map(|v| u[v as usize].xyz());
-            let (force, _) = tetrahedra::force(law, material, shape, &u);
+            let (force, _) = tetrahedra::force(law, &material, shape, &u);
             let corner = nodes.iter().position(|v| *v as usize == i);
             sum += corner.map_or(Vec3::zeros(), |k| force[k]);
         }

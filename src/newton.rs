@@ -71,7 +71,7 @@ fn evaluate(model: &Model, live: &LiveMesh, u: &[Vec3]) -> At {
         if !live.alive[t] {
             continue;
         }
-        let (shape, material) = (&model.shape[t], &model.material(t).law);
+        let (shape, material) = (&model.shape[t], &live.material(model, t));
         let own = nodes.map(|v| u[v as usize]);
         at.least = at.least.min(shape.deformation_gradient(&own).determinant());
         if averaged.is_some() && model.parts.dynamic[t] {
@@ -112,7 +112,7 @@ fn tangent(model: &Model, live: &LiveMesh, u: &[Vec3]) -> Vec<(usize, usize, Mat
         if !live.alive[t] || (averaged.is_some() && model.parts.dynamic[t]) {
             continue;
         }
-        let (shape, material) = (&model.shape[t], &model.material(t).law);
+        let (shape, material) = (&model.shape[t], &live.material(model, t));
         let f = shape.deformation_gradient(&nodes.map(|v| u[v as usize]));
         for k in 0..4 {
             let change = |axis: usize| {

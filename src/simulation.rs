@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::couple::Before;
+use crate::element::tetrahedra::Extent;
 use crate::energy::{self, Energy};
 use crate::mesh::Vec3;
 use crate::model::tensor_mass::Lane;
@@ -107,6 +108,9 @@ impl Simulation {
             self.set_damping(old.parameters.damping);
         }
         self.set_tearing_threshold(old.parameters.tearing_threshold);
+        if old.parameters.incompressibility_set {
+            self.set_incompressibility(old.parameters.incompressibility);
+        }
         Ok(true)
     }
 
@@ -279,11 +283,21 @@ impl Simulation {
         self.state.account.dissipated += 0.5 * self.state.clock.lag * change * twice_kinetic;
         self.state.parameters.damping = value;
         self.state.refactor();
-        self.state.nominal_substep = self.model.substep(value);
-        if self.state.clock.total == 0 {
-            self.state.clock.substep = self.state.nominal_substep;
-            self.state.clock.lag = self.model.lag(self.state.nominal_substep);
-        }
+        self.renew_substep();
+        self.forget();
+        self.restart_account();
+    }
+
+    /// Volume penalty \[Pa\]; the substep follows its critical value.
+    pub fn set_incompressibility(&mut self, value: f64) {
+        let before = self.energy().balance();
+        self.state.parameters.incompressibility = value;
+        self.state.parameters.incompressibility_set = true;
+        self.state.live.set_penalty(value);
+        self.renew_substep();
+        self.forget();
+        // It makes energy where volumes have changed.
+        self.state.account.support_work += self.energy().balance() - before;
         self.forget();
         self.restart_account();
     }
@@ -291,6 +305,17 @@ impl Simulation {
     /// Relative change of volume or length above which tetrahedra tear, above 0 \[1\].
     pub fn set_tearing_threshold(&mut self, value: f64) {
         self.state.parameters.tearing_threshold = value;
+    }
+
+    /// That of tissue at rest with the parameters as they are.
+    fn renew_substep(&mut self) {
+        let parameters = &self.state.parameters;
+        let ratio = (self.model).stiffening(&Extent::default(), parameters.incompressibility);
+        self.state.nominal_substep = self.model.substep_at(parameters.damping, ratio);
+        if self.state.clock.total == 0 {
+            self.state.clock.substep = self.state.nominal_substep;
+            self.state.clock.lag = self.model.lag(self.state.nominal_substep);
+        }
     }
 
     /// Before the first step the account starts with the parameters as they are.

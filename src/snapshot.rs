@@ -14,7 +14,7 @@ use crate::model::{Fnv, Model};
 use crate::pose::{Line, Pose, PoseInput};
 use crate::state::{Clock, Factored, Parameters, State, ToolState};
 
-const MAGIC: &[u8; 8] = b"tissueS6";
+const MAGIC: &[u8; 8] = b"tissueS7";
 
 /// Why bytes are not a state of this model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -216,6 +216,8 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
     out.real(state.parameters.damping);
     out.int(u64::from(state.parameters.damping_set));
     out.real(state.parameters.tearing_threshold);
+    out.real(state.parameters.incompressibility);
+    out.int(u64::from(state.parameters.incompressibility_set));
     out.int(state.cuts_done as u64);
     out.real(state.coupling.drift);
     state.coupling.seen.iter().for_each(|d| out.real(*d));
@@ -346,7 +348,10 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
         damping: input.real()?,
         damping_set: input.flag()?,
         tearing_threshold: input.real()?,
+        incompressibility: input.real()?,
+        incompressibility_set: input.flag()?,
     };
+    state.live.set_penalty(state.parameters.incompressibility);
     state.cuts_done = input.index(model.cuts.len() + 1)?;
     let drift = input.real()?;
     for seen in &mut state.coupling.seen {

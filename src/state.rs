@@ -59,6 +59,10 @@ pub struct Parameters {
     pub damping_set: bool,
     /// Measure above which tetrahedra tear \[1\]; infinite where nothing tears.
     pub tearing_threshold: f64,
+    /// Volume penalty \[Pa\]; what the elements have is its copy.
+    pub incompressibility: f64,
+    /// As that of damping.
+    pub incompressibility_set: bool,
 }
 
 /// One tool: what the host says, where it is, what it feels.
@@ -131,6 +135,8 @@ impl State {
                 .tearing
                 .as_ref()
                 .map_or(f64::INFINITY, |t| t.threshold),
+            incompressibility: model.penalty(),
+            incompressibility_set: false,
         };
         let nominal_substep = model.substep(parameters.damping);
         let mut state = State {

@@ -191,7 +191,10 @@ fn critical_at(model: &Model, state: &State, extent: &Extent) -> f64 {
     } else {
         model.limiting_frequency()
     };
-    let omega = omega * model.stiffening(extent).sqrt();
+    let omega = omega
+        * model
+            .stiffening(extent, state.parameters.incompressibility)
+            .sqrt();
     model.critical_step_at(omega, state.parameters.damping)
 }
 

@@ -5,7 +5,7 @@
 //! nothing but the row and the item, so they stay the same from build to build.
 
 use tissue::model::Model;
-use tissue::scene::{MOST_DAMPING, MOST_GRAVITY, OutputCausality, OutputVertices};
+use tissue::scene::{MOST_DAMPING, MOST_GRAVITY, MOST_PRESSURE, OutputCausality, OutputVertices};
 use tissue::simulation::{Material, Simulation};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -298,6 +298,9 @@ pub const TABLE: &[Row] = &[
     parameter(Single, 35, TEARING, ONE, ranged("1", |s, _, _| s.parameters().tearing_threshold,
         |s, _, _, v| set_tearing_threshold(s, v), 0.0, None), Tunable,
         "relative change of volume or length, above 0, past which tetrahedra tear"),
+    parameter(Single, 36, INCOMPRESSIBILITY, ONE, ranged("Pa", |s, _, _| s.parameters().incompressibility,
+        |s, _, _, v| { s.set_incompressibility(v); Ok(()) }, 0.0, Some(MOST_PRESSURE)), Tunable,
+        "volume penalty; the substep follows its critical value"),
     parameter(PerMaterial, 0, "material[#].youngModulus", ONE, ranged("Pa",
         |s, k, _| s.material(k, Material::YoungModulus),
         |s, k, _, v| set_material(s, k, Material::YoungModulus, v), 0.0, Some(1e15)), Fixed,
@@ -324,6 +327,9 @@ pub const TABLE: &[Row] = &[
 
 /// Only of scenes with tearing.
 const TEARING: &str = "tearing.threshold";
+
+/// Only of scenes with a law for large deformation.
+const INCOMPRESSIBILITY: &str = "model.incompressibility";
 
 fn set_tearing_threshold(s: &mut Simulation, value: f64) -> Result<(), String> {
     if value <= 0.0 {
@@ -377,6 +383,7 @@ pub fn exists(row: &Row, model: &Model) -> bool {
     let vertices = model.scene.outputs.vertices != OutputVertices::None;
     count(row.group, model) > 0
         && (row.name != TEARING || model.scene.tearing.is_some())
+        && (row.name != INCOMPRESSIBILITY || model.law().is_some())
         && (row.group == Group::Single
             || row.group == Group::Tool
             || row.group == Group::Material

@@ -1,4 +1,4 @@
-//! Which code computes forces: by law, with fibres or without, for the machine at hand.
+//! Which code computes forces: by law, with fibres and penalty or without, for the machine at hand.
 
 use super::tetrahedra::Extent;
 use crate::lanes::{self, Four, Plain};
@@ -13,14 +13,15 @@ use crate::model::tensor_mass::Lane;
 pub trait Kernel {
     fn law(&self) -> Law;
 
-    fn has_fibre(&self) -> bool;
+    /// Fibres, or a volume penalty.
+    fn has_extra(&self) -> bool;
 
     /// Adds dW/du \[N\] and returns W \[J\] and how far tissue is deformed.
     ///
     /// # Safety
     /// As [`Four`]; `u` and `to` have an entry for each node of the elements.
     #[doc(hidden)]
-    unsafe fn kernel<V: Four, R: Response, const FIBRE: bool>(
+    unsafe fn kernel<V: Four, R: Response, const EXTRA: bool>(
         &self,
         u: &[Lane],
         to: &mut [Lane],
@@ -60,7 +61,7 @@ unsafe fn dispatch<V: Four, K: Kernel + ?Sized>(
 ) -> (f64, Extent) {
     // SAFETY: the caller's.
     unsafe {
-        match (own.law(), own.has_fibre()) {
+        match (own.law(), own.has_extra()) {
             (Law::StVenantKirchhoff, false) => own.kernel::<V, StVenantKirchhoff, false>(u, to),
             (Law::StVenantKirchhoff, true) => own.kernel::<V, StVenantKirchhoff, true>(u, to),
             (Law::StableNeoHookean, false) => own.kernel::<V, StableNeoHookean, false>(u, to),

@@ -24,6 +24,18 @@ impl Elements {
         self.tetrahedra().law
     }
 
+    /// k of [`crate::law::volume_penalty`] \[Pa\].
+    pub fn penalty(&self) -> f64 {
+        self.tetrahedra().penalty
+    }
+
+    pub fn set_penalty(&mut self, penalty: f64) {
+        self.tetrahedra_mut().penalty = penalty;
+        if let Elements::NodalAveraged(own, _) = self {
+            own.penalty = penalty;
+        }
+    }
+
     pub fn tetrahedra(&self) -> &Tetrahedra {
         match self {
             Elements::ConstantStrain(own) | Elements::NodalAveraged(_, own) => own,

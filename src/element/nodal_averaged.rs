@@ -21,6 +21,7 @@ use super::tetrahedra::{Extent, Reach};
 use crate::lanes::{self, Four, Square};
 use crate::law::linear::Hooke;
 use crate::law::response::{Law, Point, Response};
+use crate::law::volume_penalty;
 use crate::mesh::Vec3;
 use crate::model::tensor_mass::Lane;
 
@@ -50,6 +51,8 @@ struct Entry([f64; 4]);
 pub struct NodalAveraged {
     pub law: Law,
     has_fibre: bool,
+    /// k of [`crate::law::volume_penalty`] \[Pa\]; the materials' own do not count.
+    pub penalty: f64,
     group: Vec<Group>,
     /// A place of a group each: the vertex; its entries are `start[p]..start[p + 1]`, with D_jj in the first.
     node: Vec<u32>,
@@ -98,6 +101,7 @@ impl NodalAveraged {
         let mut made = NodalAveraged {
             law,
             has_fibre: volumes.iter().any(|(.., m)| m.fibre.is_some()),
+            penalty: 0.0,
             group: Vec::new(),
             node: Vec::new(),
             start: vec![0],
@@ -170,6 +174,10 @@ impl NodalAveraged {
         self.group[p / 4].hourglass[p % 4]
     }
 
+    fn material(&self, p: usize) -> Hooke {
+        self.material[p].with_penalty(self.penalty)
+    }
+
     fn d(&self, at: usize) -> Vec3 {
         let [x, y, z, _] = self.entry[at].0;
         Vec3::new(x, y, z)
@@ -221,7 +229,7 @@ impl NodalAveraged {
             if let Some(at) = at.filter(|_| self.volume(p) > 0.0) {
                 let g = self.gradient(p, u);
                 let f = Matrix3::identity() + g;
-                let stress = self.law.stress(&self.material[p], &f);
+                let stress = self.law.stress(&self.material(p), &f);
                 sum += (stress - g * self.hourglass(p)) * self.d(at);
             }
         }
@@ -237,8 +245,8 @@ impl NodalAveraged {
             let (g, rate) = (self.gradient(p, u), self.gradient(p, v));
             let (volume, c) = (self.volume(p), self.hourglass(p));
             let f = Matrix3::identity() + g;
-            let stress = self.law.stress(&self.material[p], &f) - g * c;
-            energy += volume * self.law.energy(&self.material[p], &f);
+            let stress = self.law.stress(&self.material(p), &f) - g * c;
+            energy += volume * self.law.energy(&self.material(p), &f);
             energy -= 0.5 * c * volume * g.norm_squared();
             power += volume * stress.component_mul(&rate).sum();
             for at in self.row(p) {
@@ -288,6 +296,7 @@ impl NodalAveraged {
     /// Keeps the room that there is.
     pub(crate) fn copy_from(&mut self, other: &NodalAveraged) {
         self.group.clone_from(&other.group);
+        self.penalty = other.penalty;
         self.entry.clone_from(&other.entry);
     }
 
@@ -302,7 +311,7 @@ impl NodalAveraged {
                 let d_k = self.d(k);
                 let change = |axis: usize| {
                     let df = Vec3::ith(axis, 1.0) * d_k.transpose() / volume;
-                    self.law.tangent(&self.material[p], &f, &df)
+                    self.law.tangent(&self.material(p), &f, &df)
                 };
                 let change = [0, 1, 2].map(change);
                 for j in self.row(p) {
@@ -343,13 +352,13 @@ impl Kernel for NodalAveraged {
         self.law
     }
 
-    fn has_fibre(&self) -> bool {
-        self.has_fibre
+    fn has_extra(&self) -> bool {
+        self.has_fibre || self.penalty > 0.0
     }
 
     #[allow(private_bounds)] // as the trait
     #[inline(always)]
-    unsafe fn kernel<V: Four, R: Response, const FIBRE: bool>(
+    unsafe fn kernel<V: Four, R: Response, const EXTRA: bool>(
         &self,
         u: &[Lane],
         to: &mut [Lane],
@@ -359,6 +368,7 @@ impl Kernel for NodalAveraged {
             let zero = V::splat(0.0);
             let (mut sum, mut variance) = (zero, zero);
             let mut reach = Reach::<V>::rest();
+            let penalty = V::splat(self.penalty);
             for (k, group) in self.group.iter().enumerate() {
                 // Rows of the transpose of G, a point each; the fourth axis is zero.
                 let mut columns = [[zero; 4]; 3];
@@ -393,9 +403,10 @@ impl Kernel for NodalAveraged {
                 let point = Point::new(g);
                 let parameters = [V::load(&group.parameters[0]), V::load(&group.parameters[1])];
                 let (mut stress, mut energy) = R::respond(&point, parameters);
-                if FIBRE {
+                if EXTRA {
                     let a0 = lanes::load3(&group.direction);
                     point.add_fibre(a0, V::load(&group.kappa), &mut stress, &mut energy);
+                    volume_penalty::add(&point, penalty, &mut stress, &mut energy);
                 }
                 reach.include(&point);
                 let c = V::load(&group.hourglass);

@@ -12,6 +12,7 @@ use super::kernel::{Kernel, parameters};
 use crate::lanes::{self, Four, Plain, Square, load3, product, sub3};
 use crate::law::linear::Hooke;
 use crate::law::response::{Law, Point, Response};
+use crate::law::volume_penalty;
 use crate::mesh::Vec3;
 use crate::mesh::topology::NONE;
 use crate::model::tensor_mass::Lane;
@@ -28,12 +29,15 @@ struct Group {
     node: [[u32; 4]; 4],
 }
 
+/// What only some tissue needs.
 #[derive(Clone, Debug, PartialEq)]
 #[repr(C, align(32))]
-struct Fibres {
+struct Extra {
     direction: [[f64; 4]; 3],
     /// kappa V \[J\]
     kappa: [f64; 4],
+    /// V \[m³\]
+    volume: [f64; 4],
 }
 
 /// Live tetrahedra, each lane in the order of their lowest node.
@@ -41,8 +45,10 @@ struct Fibres {
 pub struct Tetrahedra {
     pub law: Law,
     group: Vec<Group>,
-    /// One a group, or none at all.
-    fibre: Vec<Fibres>,
+    extra: Vec<Extra>,
+    has_fibre: bool,
+    /// k of [`crate::law::volume_penalty`] \[Pa\]; the materials' own do not count.
+    pub penalty: f64,
     /// Of each tetrahedron of the mesh, four times its group and its lane; or [`NONE`].
     place: Vec<u32>,
 }
@@ -89,9 +95,9 @@ impl Tetrahedra {
             .collect();
         order.sort_by_key(|t| tetrahedra[*t as usize].iter().min().copied());
         let has_fibre = |t: &u32| of(*t as usize).is_some_and(|(_, law)| law.fibre.is_some());
-        let fibres = order.iter().any(has_fibre);
+        let has_fibre = order.iter().any(has_fibre);
         let mut place = vec![NONE; tetrahedra.len()];
-        let (mut group, mut fibre) = (Vec::new(), Vec::new());
+        let (mut group, mut extra) = (Vec::new(), Vec::new());
         // Each lane goes through a quarter of its own: neighbours, which add to the same nodes, are not in one group,
         // where they would wait for each other.
         let quarter = order.len().div_ceil(4);
@@ -112,9 +118,10 @@ impl Tetrahedra {
                 parameters: Default::default(),
                 node: Default::default(),
             };
-            let mut threads = Fibres {
+            let mut more = Extra {
                 direction: Default::default(),
                 kappa: Default::default(),
+                volume: Default::default(),
             };
             for lane in 0..4 {
                 let (nodes, tissue) = each(lane);
@@ -135,20 +142,21 @@ impl Tetrahedra {
                 }
                 if let Some(fibre) = &material.fibre {
                     for axis in 0..3 {
-                        threads.direction[axis][lane] = fibre.direction[axis];
+                        more.direction[axis][lane] = fibre.direction[axis];
                     }
-                    threads.kappa[lane] = shape.volume * fibre.kappa;
+                    more.kappa[lane] = shape.volume * fibre.kappa;
                 }
+                more.volume[lane] = shape.volume;
             }
             group.push(own);
-            if fibres {
-                fibre.push(threads);
-            }
+            extra.push(more);
         }
         Tetrahedra {
             law,
             group,
-            fibre,
+            extra,
+            has_fibre,
+            penalty: 0.0,
             place,
         }
     }
@@ -164,9 +172,8 @@ impl Tetrahedra {
         for row in &mut self.group[group].parameters {
             row[lane] = 0.0;
         }
-        if let Some(fibre) = self.fibre.get_mut(group) {
-            fibre.kappa[lane] = 0.0;
-        }
+        self.extra[group].kappa[lane] = 0.0;
+        self.extra[group].volume[lane] = 0.0;
     }
 
     /// Gives a tetrahedron other nodes.
@@ -181,7 +188,8 @@ impl Tetrahedra {
     /// Keeps the room that there is.
     pub(crate) fn copy_from(&mut self, other: &Tetrahedra) {
         self.group.clone_from(&other.group);
-        self.fibre.clone_from(&other.fibre);
+        self.extra.clone_from(&other.extra);
+        self.penalty = other.penalty;
     }
 
     fn find(&self, t: usize) -> Option<(usize, usize)> {
@@ -220,7 +228,7 @@ impl Tetrahedra {
     }
 
     pub fn bytes(&self) -> usize {
-        size_of_val(&self.group[..]) + size_of_val(&self.fibre[..]) + size_of_val(&self.place[..])
+        size_of_val(&self.group[..]) + size_of_val(&self.extra[..]) + size_of_val(&self.place[..])
     }
 }
 
@@ -229,13 +237,13 @@ impl Kernel for Tetrahedra {
         self.law
     }
 
-    fn has_fibre(&self) -> bool {
-        !self.fibre.is_empty()
+    fn has_extra(&self) -> bool {
+        self.has_fibre || self.penalty > 0.0
     }
 
     #[allow(private_bounds)] // as the trait
     #[inline(always)]
-    unsafe fn kernel<V: Four, R: Response, const FIBRE: bool>(
+    unsafe fn kernel<V: Four, R: Response, const EXTRA: bool>(
         &self,
         u: &[Lane],
         to: &mut [Lane],
@@ -248,10 +256,12 @@ impl Kernel for Tetrahedra {
                 let (point, a) = group.point::<V>(u);
                 let parameters = [V::load(&group.parameters[0]), V::load(&group.parameters[1])];
                 let (mut stress, mut energy) = R::respond(&point, parameters);
-                if FIBRE {
-                    let fibre = self.fibre.get_unchecked(k);
-                    let a0 = load3(&fibre.direction);
-                    point.add_fibre(a0, V::load(&fibre.kappa), &mut stress, &mut energy);
+                if EXTRA {
+                    let extra = self.extra.get_unchecked(k);
+                    let a0 = load3(&extra.direction);
+                    point.add_fibre(a0, V::load(&extra.kappa), &mut stress, &mut energy);
+                    let penalty = V::splat(self.penalty).mul(V::load(&extra.volume));
+                    volume_penalty::add(&point, penalty, &mut stress, &mut energy);
                 }
                 sum = sum.add(energy);
                 reach.include(&point);

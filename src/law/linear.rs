@@ -15,6 +15,8 @@ pub struct Hooke {
     pub lambda: f64,
     pub mu: f64,
     pub fibre: Option<Fibre>,
+    /// k of [`super::volume_penalty`]; laws for large deformation alone have it.
+    pub penalty: f64,
 }
 
 /// Extra stiffness along one direction.
@@ -34,7 +36,17 @@ impl Hooke {
                 / ((1.0 + poisson_ratio) * (1.0 - 2.0 * poisson_ratio)),
             mu: young_modulus / (2.0 * (1.0 + poisson_ratio)),
             fibre: None,
+            penalty: 0.0,
         }
+    }
+
+    /// lambda + 2 mu/3.
+    pub fn bulk_modulus(&self) -> f64 {
+        self.lambda + 2.0 / 3.0 * self.mu
+    }
+
+    pub fn with_penalty(self, penalty: f64) -> Hooke {
+        Hooke { penalty, ..self }
     }
 
     /// With other parameters lambda_L, mu_L \[Pa\] along a direction of any length but zero.
@@ -46,6 +58,15 @@ impl Hooke {
                 kappa,
             }),
             ..self
+        }
+    }
+
+    /// Without penalty, of the same stiffness at rest.
+    pub fn at_rest(&self) -> Hooke {
+        Hooke {
+            lambda: self.lambda + self.penalty,
+            penalty: 0.0,
+            ..*self
         }
     }
 

@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 
 use super::linear::Hooke;
-use super::{st_venant_kirchhoff, stable_neo_hookean};
+use super::{st_venant_kirchhoff, stable_neo_hookean, volume_penalty};
 use crate::lanes::{Four, Square, cross, dot, product};
 
 /// Laws that are right under rotation. The linear one is not among them.
@@ -16,26 +16,29 @@ pub enum Law {
 impl Law {
     /// W \[J/m³\] of a deformation gradient.
     pub fn energy(self, material: &Hooke, f: &Matrix3<f64>) -> f64 {
-        match self {
+        let own = match self {
             Law::StVenantKirchhoff => st_venant_kirchhoff::energy(material, f),
             Law::StableNeoHookean => stable_neo_hookean::energy(material, f),
-        }
+        };
+        own + volume_penalty::energy(material.penalty, f)
     }
 
     /// P = dW/dF \[Pa\].
     pub fn stress(self, material: &Hooke, f: &Matrix3<f64>) -> Matrix3<f64> {
-        match self {
+        let own = match self {
             Law::StVenantKirchhoff => st_venant_kirchhoff::stress(material, f),
             Law::StableNeoHookean => stable_neo_hookean::stress(material, f),
-        }
+        };
+        own + volume_penalty::stress(material.penalty, f)
     }
 
     /// dP = d²W/dF² : dF \[Pa\].
     pub fn tangent(self, material: &Hooke, f: &Matrix3<f64>, df: &Matrix3<f64>) -> Matrix3<f64> {
-        match self {
+        let own = match self {
             Law::StVenantKirchhoff => st_venant_kirchhoff::tangent(material, f, df),
             Law::StableNeoHookean => stable_neo_hookean::tangent(material, f, df),
-        }
+        };
+        own + volume_penalty::tangent(material.penalty, f, df)
     }
 }
 
@@ -133,9 +136,10 @@ mod tests {
     use super::*;
     use crate::mesh::Vec3;
 
-    fn materials() -> [Hooke; 2] {
+    fn materials() -> [Hooke; 3] {
         let plain = Hooke::new(6000.0, 0.45);
-        [plain, plain.with_fibre(Vec3::new(1.0, 2.0, -1.0), 8e4, 2e4)]
+        let fibre = plain.with_fibre(Vec3::new(1.0, 2.0, -1.0), 8e4, 2e4);
+        [plain, fibre, fibre.with_penalty(3e4)]
     }
 
     fn gradients() -> Vec<Matrix3<f64>> {
@@ -196,7 +200,8 @@ mod tests {
                 let rest = Matrix3::identity();
                 assert!(law.stress(&material, &rest).norm() < 1e-12 * material.lambda);
                 assert_eq!(law.energy(&material, &rest), 0.0);
-                let linear = material.stress(&((d + d.transpose()) * 0.5));
+                let penalty = Matrix3::identity() * (material.penalty * d.trace());
+                let linear = material.stress(&((d + d.transpose()) * 0.5)) + penalty;
                 let off = law.tangent(&material, &rest, &d) - linear;
                 assert!(off.norm() < 1e-12 * linear.norm(), "{law:?} {off}");
             }

@@ -28,8 +28,9 @@ use crate::mesh::topology::{Face, NONE, Topology};
 use crate::mesh::{self, MeshError, TetMesh, Vec3};
 use crate::pieces::{Pieces, Tissue, free_modes};
 use crate::scene::{
-    Connection, CutRule, Elasticity, Element, InterfaceMass, ModelKind, ModelSettings,
-    OutputVertices, Scene, SceneError, Scheme, Selector, Start, ToolKind, select_tetrahedra,
+    Connection, CutRule, Elasticity, Element, Incompressibility, InterfaceMass, ModelKind,
+    ModelSettings, OutputVertices, Scene, SceneError, Scheme, Selector, Start, ToolKind,
+    select_tetrahedra,
 };
 use crate::star::Worklist;
 use crate::statics::StaticsError;
@@ -450,6 +451,7 @@ impl Model {
             let nodes = &self.mesh.tetrahedra[*t];
             nodes.iter().any(|v| (*v as usize) < moving)
         };
+        let penalty = self.penalty();
         let element_bound = (0..self.shape.len())
             .filter(bounds)
             .map(|t| {
@@ -460,7 +462,8 @@ impl Model {
                         spring_mass::largest_eigenvalue(law, shape.volume, &rest, *density)
                     }
                     _ => {
-                        let own = shape.largest_eigenvalue(law, *density);
+                        let law = law.with_penalty(penalty).at_rest();
+                        let own = shape.largest_eigenvalue(&law, *density);
                         // Means are below what they are taken of; the hourglass term comes on top.
                         let hourglass = match self.is_averaged() {
                             true => self.scene.model.hourglass * law.mu,
@@ -486,8 +489,13 @@ impl Model {
     }
 
     /// Internal force \[N\] and elastic energy \[J\] of dynamic tetrahedron `t`, a vertex each.
-    pub(crate) fn tetrahedron_force(&self, t: usize, u: &[Vec3; 4]) -> ([Vec3; 4], [f64; 4]) {
-        let (shape, law) = (&self.shape[t], &self.material(t).law);
+    pub(crate) fn tetrahedron_force(
+        &self,
+        live: &LiveMesh,
+        t: usize,
+        u: &[Vec3; 4],
+    ) -> ([Vec3; 4], [f64; 4]) {
+        let (shape, law) = (&self.shape[t], &live.material(self, t));
         match self.scene.model.kind {
             ModelKind::SpringMass => {
                 spring_mass::tetrahedron_force(law, shape.volume, &self.rest_positions(t), u)
@@ -513,15 +521,31 @@ impl Model {
     }
 
     /// Bound of the largest eigenvalue of M^-1 K of tissue so deformed, relative to that at rest.
-    pub fn stiffening(&self, extent: &Extent) -> f64 {
+    pub fn stiffening(&self, extent: &Extent, penalty: f64) -> f64 {
         let Some(law) = self.law() else {
             return 1.0;
         };
-        let each = self
-            .materials
-            .iter()
-            .map(|m| law.stiffening(&m.law, extent));
+        let each = self.materials.iter().map(|m| {
+            let at_rest = m.law.with_penalty(self.penalty());
+            law.stiffening(&at_rest, &m.law.with_penalty(penalty), extent)
+        });
         each.fold(1.0, f64::max)
+    }
+
+    /// Volume penalty k at the start \[Pa\].
+    pub fn penalty(&self) -> f64 {
+        match self.scene.model.incompressibility {
+            Incompressibility::Pressure(penalty) => penalty,
+            Incompressibility::BulkModulus => {
+                let dynamic = (0..self.shape.len()).filter(|t| self.parts.dynamic[*t]);
+                let (mut sum, mut volume) = (0.0, 0.0);
+                for t in dynamic {
+                    sum += self.shape[t].volume * self.material(t).law.bulk_modulus();
+                    volume += self.shape[t].volume;
+                }
+                sum / volume
+            }
+        }
     }
 
     /// Whether a vertex has one deformation gradient for all its tetrahedra.

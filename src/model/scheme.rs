@@ -74,7 +74,7 @@ impl Model {
                 Ok(Scheme::SymplecticEuler)
             }
             None => {
-                let sweeps = self.substeps_in_period(Scheme::SymplecticEuler, self.damping());
+                let sweeps = self.substeps_in_period(Scheme::SymplecticEuler, self.damping(), 1.0);
                 let most = if self.can_be_cut() {
                     IMPLICIT_SWEEPS_CUT
                 } else {
@@ -131,18 +131,23 @@ impl Model {
     /// The scene's substep, or the longest whole divisor of the haptic period that is stable with both
     /// margins \[s\].
     pub fn substep(&self, damping: f64) -> f64 {
+        self.substep_at(damping, 1.0)
+    }
+
+    /// The same where the largest eigenvalue is that of the model times a `ratio`.
+    pub(crate) fn substep_at(&self, damping: f64, ratio: f64) -> f64 {
         let period = 1.0 / self.scene.integration.haptic_rate;
         let parts = match self.scene.integration.substep {
             Some(substep) => (period / substep).round().max(1.0),
-            None => self.substeps_in_period(self.scheme, damping),
+            None => self.substeps_in_period(self.scheme, damping, ratio.sqrt()),
         };
         period / parts
     }
 
-    /// In a haptic period, chosen by a scheme's margins.
-    fn substeps_in_period(&self, scheme: Scheme, damping: f64) -> f64 {
+    /// In a haptic period, chosen by a scheme's margins, of frequencies so many times faster.
+    fn substeps_in_period(&self, scheme: Scheme, damping: f64, faster: f64) -> f64 {
         let period = 1.0 / self.scene.integration.haptic_rate;
-        let critical = |omega: f64| critical_step::of(scheme, omega, damping);
+        let critical = |omega: f64| critical_step::of(scheme, faster * omega, damping);
         let mut limit = STEP_MARGIN * critical(self.limiting_frequency());
         if matches!(scheme, Scheme::SymplecticEuler | Scheme::CentralDifference) {
             limit = limit.min(UNEVEN_STEP_MARGIN * critical(self.spectrum.highest));

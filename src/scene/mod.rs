@@ -13,7 +13,7 @@ mod tree;
 mod types;
 
 pub use error::SceneError;
-pub use parse::{MOST_DAMPING, MOST_GRAVITY, parse, read, schema};
+pub use parse::{MOST_DAMPING, MOST_GRAVITY, MOST_PRESSURE, parse, read, schema};
 pub use refuse::EULER_UNDAMPED;
 pub use select::{select_nodes, select_tetrahedra};
 pub use types::*;

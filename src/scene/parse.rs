@@ -100,6 +100,9 @@ fn is_identifier(text: &str) -> bool {
 pub const MOST_DAMPING: f64 = 1e6;
 pub const MOST_GRAVITY: f64 = 1e6;
 
+/// Pa, of a volume penalty.
+pub const MOST_PRESSURE: f64 = 1e12;
+
 /// Above this a mesh is a mistake rather than a model for real time.
 const MOST_CELLS: f64 = 1e7;
 
@@ -370,7 +373,15 @@ fn model_settings(node: &Node) -> Result<ModelSettings> {
         adaptive: adaptive.or(default.adaptive, Node::choice)?,
         nonlinear_threshold: nonlinear_threshold
             .or(default.nonlinear_threshold, Node::not_negative)?,
-        incompressibility: incompressibility.or(default.incompressibility, Node::not_negative)?,
+        incompressibility: incompressibility.or(default.incompressibility, |n| {
+            match n.is_number() {
+                true => Ok(Incompressibility::Pressure(
+                    n.number_in("0 to 1e12", |x| (0.0..=MOST_PRESSURE).contains(&x))?,
+                )),
+                false if n.is_text("bulkModulus") => Ok(Incompressibility::BulkModulus),
+                false => Err(n.expected("a number 0 or more or \"bulkModulus\"")),
+            }
+        })?,
         element: element.maybe(Node::choice)?,
         hourglass: hourglass.or(default.hourglass, |n| {
             n.number_in("0.2 or more", |c| c >= 0.2)

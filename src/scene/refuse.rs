@@ -30,7 +30,6 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
         (model.form != Form::PerTetrahedron, text("model.form"), word(&model.form), "use perTetrahedron"),
         (model.adaptive != Adaptive::Blend, text("model.adaptive"), word(&model.adaptive), "use blend"),
         (model.nonlinear_threshold != 0.0, text("model.nonlinearThreshold"), text("a non-linear threshold"), "use 0"),
-        (model.incompressibility != 0.0, text("model.incompressibility"), text("a volume penalty"), "use 0"),
         (pressed, text("model.element"), word(&element), if nonlinear {"use nodalAveraged"} else {"use constantStrain"}),
         (averaged && !nonlinear, text("model.element"), format!("{} with linear elasticity", word(&element)), "use constantStrain"),
         (averaged && scene.cutting.rule == CutRule::Duplicate, text("cutting.rule"), format!("duplicate with {}", word(&element)), "use remove"),
@@ -109,6 +108,14 @@ fn unsuited(scene: &Scene) -> Result<(), SceneError> {
             "",
             "integration.scheme",
             format!("implicitEuler needs a linear model; {law} must have another scheme"),
+        ));
+    }
+    let penalised = scene.model.incompressibility != Incompressibility::Pressure(0.0);
+    if penalised && !nonlinear {
+        return Err(SceneError::at(
+            "",
+            "model.incompressibility",
+            "measures volumes of large deformation; needs model.elasticity stVenantKirchhoff or stableNeoHookean",
         ));
     }
     if springs && nonlinear {

@@ -334,9 +334,8 @@ pub struct ModelSettings {
     /// m of displacement from which the law is non-linear; default 0: non-linear everywhere.
     #[schemars(extend("minimum" = 0))]
     pub nonlinear_threshold: f64,
-    /// Pa, volume penalty; default 0.
-    #[schemars(extend("minimum" = 0))]
-    pub incompressibility: f64,
+    /// Pa, volume penalty, or the tissue's own bulk modulus; default 0.
+    pub incompressibility: Incompressibility,
     /// Absent: `constantStrain` where elasticity is linear, else `nodalAveraged`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub element: Option<Element>,
@@ -358,11 +357,22 @@ impl Default for ModelSettings {
             form: Form::PerTetrahedron,
             adaptive: Adaptive::Blend,
             nonlinear_threshold: 0.0,
-            incompressibility: 0.0,
+            incompressibility: Incompressibility::Pressure(0.0),
             element: None,
             hourglass: 0.3,
         }
     }
+}
+
+/// `"bulkModulus"`, or a pressure.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[serde(rename_all = "camelCase")]
+pub enum Incompressibility {
+    /// The mean over the dynamic tissue, by volume.
+    BulkModulus,
+    /// Pa, 0 or more.
+    #[serde(untagged)]
+    Pressure(#[schemars(extend("minimum" = 0))] f64),
 }
 
 /// Who moves how.

@@ -66,17 +66,26 @@ def slit(law):
     return problem.cut(np.flatnonzero(cut), time=0.4)
 
 
-CASES = [moderate, sideways, stretched, fibrous, layered, slit]
+def penalised(law):
+    """Fibres, and a volume penalty of several bulk moduli."""
+    problem = fibrous(law)
+    problem.scene["model"]["incompressibility"] = 1e5
+    return problem
+
+
+CASES = [moderate, sideways, stretched, fibrous, penalised, layered, slit]
 each_case = pytest.mark.parametrize("case", CASES, ids=lambda f: f.__name__)
 each_law = pytest.mark.parametrize("law", LAWS)
 
 
 def material(problem, law, tissue):
     lam, mu = lame(tissue.young, tissue.poisson)
+    made = Material(law, lam, mu)
     fibre = problem.scene["materials"][0].get("fibre")
-    if fibre is None:
-        return Material(law, lam, mu)
-    return Material(law, lam, mu, kappa(lam, mu, fibre["lambda"], fibre["mu"]), fibre["direction"])
+    if fibre is not None:
+        made = Material(law, lam, mu, kappa(lam, mu, fibre["lambda"], fibre["mu"]), fibre["direction"])
+    made.penalty = problem.scene["model"].get("incompressibility", 0.0)
+    return made
 
 
 @lru_cache
