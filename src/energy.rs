@@ -130,6 +130,7 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Energy {
             external: &state.external[..moving],
             inverse_mass: &state.inverse_mass[..moving],
             mass: &state.live.mass[..moving],
+            listed: None,
         },
         &Advance::symplectic_euler(0.0, 0.0, state.parameters.damping),
     );

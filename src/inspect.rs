@@ -279,6 +279,7 @@ fn sweeping(model: &Model) -> impl FnMut() + '_ {
             external: &external,
             inverse_mass: &inverse_mass,
             mass: &model.whole.mass[..nodes],
+            listed: None,
         };
         model.whole.sweep(
             model,

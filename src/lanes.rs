@@ -19,6 +19,8 @@ pub(crate) trait Four: Copy {
     unsafe fn div(self, other: Self) -> Self;
     unsafe fn min(self, other: Self) -> Self;
     unsafe fn max(self, other: Self) -> Self;
+    /// 1 where it is above the other, else 0.
+    unsafe fn above(self, other: Self) -> Self;
     /// self * b + c
     unsafe fn mul_add(self, b: Self, c: Self) -> Self;
     /// Natural logarithm of positive normal numbers.
@@ -85,6 +87,11 @@ impl Four for Plain {
     #[inline(always)]
     unsafe fn max(self, other: Plain) -> Plain {
         self.both(other, f64::max)
+    }
+
+    #[inline(always)]
+    unsafe fn above(self, other: Plain) -> Plain {
+        self.both(other, |a, b| f64::from(u8::from(a > b)))
     }
 
     #[inline(always)]
@@ -178,6 +185,14 @@ mod avx2 {
         #[inline(always)]
         unsafe fn max(self, other: Avx2) -> Avx2 {
             Avx2(unsafe { _mm256_max_pd(self.0, other.0) })
+        }
+
+        #[inline(always)]
+        unsafe fn above(self, other: Avx2) -> Avx2 {
+            unsafe {
+                let is = _mm256_cmp_pd::<_CMP_GT_OQ>(self.0, other.0);
+                Avx2(_mm256_and_pd(is, _mm256_set1_pd(1.0)))
+            }
         }
 
         #[inline(always)]

@@ -3,6 +3,7 @@
 use nalgebra::Matrix3;
 
 use crate::element::Elements;
+use crate::element::blend::Blend;
 use crate::element::nodal_averaged::NodalAveraged;
 use crate::element::tetrahedra::{self, Extent, Tetrahedra};
 use crate::law::linear::Hooke;
@@ -50,6 +51,8 @@ pub struct LiveMesh {
     pub springs: Option<Springs>,
     /// Of a non-linear law.
     pub elements: Option<Elements>,
+    /// On top of the tensors, where tissue is adaptive.
+    pub blend: Option<Blend>,
     /// Inertial mass a node \[kg\].
     pub mass: Vec<f64>,
     /// Gravitational mass a node \[kg\]: a quarter of each of its tetrahedra, whatever `integration.mass`.
@@ -73,7 +76,17 @@ impl LiveMesh {
         let nodes = model.mesh.nodes.len();
         let springs = (model.scene.model.kind == ModelKind::SpringMass)
             .then(|| Springs::new(&model.pattern, &model.mesh.nodes));
-        let mut elements = model.law().map(|law| {
+        let adaptive = model.law().filter(|_| model.is_adaptive());
+        let blend = adaptive.map(|law| {
+            let settings = &model.scene.model;
+            let (rule, threshold) = (settings.adaptive, settings.nonlinear_threshold);
+            Blend::new(law, rule, threshold, &model.mesh.tetrahedra, |t| {
+                let t = Some(t).filter(|t| model.parts.dynamic[*t])?;
+                Some((&model.shape[t], &model.material(t).law))
+            })
+        });
+        let uniform = model.law().filter(|_| !model.is_adaptive());
+        let mut elements = uniform.map(|law| {
             let moves = |t: &usize| model.parts.dynamic[*t];
             let each = Tetrahedra::new(law, &model.mesh.tetrahedra, |t| {
                 let t = Some(t).filter(moves)?;
@@ -109,6 +122,7 @@ impl LiveMesh {
             tensors,
             springs,
             elements,
+            blend,
             mass: vec![0.0; nodes],
             weight: vec![0.0; nodes],
             surface_slot: vec![NONE; model.topology.faces.len()],
@@ -217,8 +231,11 @@ impl LiveMesh {
 
     /// How far what has a non-linear law is deformed.
     pub fn extent(&self, u: &[Lane]) -> Extent {
-        let of = |e: &Elements| e.tetrahedra().extent(u);
-        self.elements.as_ref().map_or_else(Extent::default, of)
+        match (&self.elements, &self.blend) {
+            (Some(elements), _) => elements.tetrahedra().extent(u),
+            (_, Some(blend)) => blend.extent(&u[..self.mass.len().min(u.len())]),
+            _ => Extent::default(),
+        }
     }
 
     /// Tensors of the elements at rest, as a linear law; averaged ones reach further than edges.
@@ -238,11 +255,24 @@ impl LiveMesh {
         (pattern.clone(), tensors)
     }
 
+    /// One substep of adaptive tissue: what is beyond the threshold starts the sweep.
+    fn adaptive_sweep(&self, pattern: &Pattern, motion: &mut Motion, by: &Advance) -> Sums {
+        let excess = self.blend.as_ref().map_or_else(Default::default, |blend| {
+            blend.add_forces(motion.listed, motion.displacement, motion.partial)
+        });
+        let mut sums = sweep(pattern, &self.tensors, motion, by);
+        // It has found u . force of both.
+        sums.elastic += 2.0 * excess.energy - excess.virial;
+        sums.extent = excess.extent;
+        sums
+    }
+
     /// One substep of the moving nodes.
     pub fn sweep(&self, model: &Model, motion: &mut Motion, by: &Advance) -> Sums {
         let pattern = self.pattern(model);
         match (&self.springs, &self.elements) {
             (Some(springs), _) => spring_sweep::sweep(springs, motion, by),
+            _ if self.blend.is_some() => self.adaptive_sweep(pattern, motion, by),
             (_, Some(elements)) => {
                 let used = pattern.first..model.parts.connected_from();
                 element_sweep::sweep(elements, used, motion, by)
@@ -257,7 +287,10 @@ impl LiveMesh {
             (Some(springs), _) => springs.force(self.pattern(model), i, u),
             (_, Some(Elements::ConstantStrain(own))) => self.star_force(model, own.law, i, u),
             (_, Some(Elements::NodalAveraged(own, _))) => own.node_force(i, u),
-            _ => self.tensors.row_product(self.pattern(model), i, u),
+            _ => {
+                let linear = self.tensors.row_product(self.pattern(model), i, u);
+                linear + self.beyond(model, i, u).0
+            }
         }
     }
 
@@ -265,6 +298,13 @@ impl LiveMesh {
     pub fn set_penalty(&mut self, penalty: f64) {
         if let Some(elements) = &mut self.elements {
             elements.set_penalty(penalty);
+        }
+    }
+
+    /// Of adaptive tissue \[m\].
+    pub fn set_threshold(&mut self, threshold: f64) {
+        if let Some(blend) = &mut self.blend {
+            blend.threshold = threshold;
         }
     }
 
@@ -282,11 +322,45 @@ impl LiveMesh {
         u: &[Lane],
         to: &mut [Lane],
     ) {
-        if self.springs.is_none() && self.elements.is_none() {
+        if !self.is_objective() && self.blend.is_none() {
             return (self.tensors).products_among(self.pattern(model), nodes, u, to);
         }
         for node in nodes {
             to[*node as usize] = self.internal_force(model, *node as usize, u).into();
+        }
+    }
+
+    /// Force of adaptive tissue on top of the tensors' at a node \[N\], and a quarter of the energy of each tetrahedron round
+    /// it that half of u . force is not \[J\].
+    fn beyond(&self, model: &Model, i: usize, u: &[Lane]) -> (Vec3, f64) {
+        let mut sum = (Vec3::zeros(), 0.0);
+        let Some(blend) = &self.blend else {
+            return sum;
+        };
+        if self.star_count[i] == 0 {
+            return sum;
+        }
+        let own = |t: &u32| model.parts.dynamic[*t as usize];
+        for t in self.star(model, i as u32).filter(own) {
+            let nodes = self.tetrahedra[t as usize];
+            let u = nodes.map(|v| u[v as usize].xyz());
+            let material = &model.material(t as usize).law;
+            let (force, energy, virial) = blend.force(material, &model.shape[t as usize], &u);
+            let corner = nodes.iter().position(|v| *v as usize == i);
+            sum.0 += corner.map_or(Vec3::zeros(), |k| force[k]);
+            sum.1 += 0.25 * (energy - 0.5 * virial);
+        }
+        sum
+    }
+
+    /// Energy of whole pieces that half of u . force is not \[J\]: adaptive tissue's.
+    pub(crate) fn not_quadratic(&self, model: &Model, nodes: &[u32], u: &[Lane]) -> f64 {
+        match self.blend {
+            None => 0.0,
+            Some(_) => nodes
+                .iter()
+                .map(|i| self.beyond(model, *i as usize, u).1)
+                .sum(),
         }
     }
 
@@ -418,6 +492,13 @@ impl LiveMesh {
                 each.rename(t, &self.tetrahedra[t]);
                 if !self.alive[t] {
                     each.remove(t);
+                }
+            }
+            if let Some(blend) = &mut self.blend {
+                let t = *t as usize;
+                blend.rename(t, &self.tetrahedra[t]);
+                if !self.alive[t] {
+                    blend.remove(t);
                 }
             }
             let own = model.topology.tetrahedron_edges[*t as usize];
@@ -676,6 +757,9 @@ impl LiveMesh {
         self.star_count.clone_from(&other.star_count);
         self.tensors.0.clone_from(&other.tensors.0);
         self.springs.clone_from(&other.springs);
+        if let (Some(own), Some(other)) = (&mut self.blend, &other.blend) {
+            own.copy_from(other);
+        }
         if let (Some(own), Some(other)) = (&mut self.elements, &other.elements) {
             own.copy_from(other);
         }

@@ -169,6 +169,7 @@ impl Scratch {
             external: &state.external[..moving],
             inverse_mass: &state.inverse_mass[..moving],
             mass: &state.live.mass[..moving],
+            listed: None,
         };
         let by = Advance {
             gain: by.kick,
@@ -255,6 +256,7 @@ impl Scratch {
             elastic += 0.5 * force.dot(&self.local[*node as usize].xyz());
             self.force[k] = force;
         }
+        elastic += live.not_quadratic(model, nodes, &self.local);
         self.turn_back(state, piece, &frame);
         (frame, elastic)
     }
@@ -597,6 +599,7 @@ fn attached(model: &Model, state: &State, label: u32) -> f64 {
         );
         sum -= half * lagging * m * v.norm_squared();
         if !state.live.is_objective() {
+            sum += (state.live).not_quadratic(model, &[*node], &state.displacement);
             let f = state.live.internal_force(model, i, &state.displacement);
             let external = state.external[i].xyz();
             sum += 0.5 * f.dot(&u) + 0.5 * m * v.norm_squared() + half * v.dot(&(external - f))

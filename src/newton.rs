@@ -7,12 +7,13 @@ use nalgebra::Matrix3;
 
 use crate::element::kernel::Kernel;
 use crate::element::nodal_averaged::NodalAveraged;
-use crate::element::{Elements, tetrahedra};
+use crate::element::{Elements, blend, tetrahedra};
 use crate::law::response::Law;
 use crate::live::LiveMesh;
 use crate::mesh::Vec3;
 use crate::model::Model;
 use crate::model::tensor_mass::Lane;
+use crate::scene::Adaptive;
 use crate::statics::{Factor, Numbering, StaticsError};
 
 /// Largest force out of balance, relative to the largest force.
@@ -49,7 +50,8 @@ pub fn internal_forces(model: &Model, live: &LiveMesh, u: &[Vec3]) -> Vec<Vec3> 
 }
 
 fn law_of(model: &Model, t: usize) -> Option<Law> {
-    model.law().filter(|_| model.parts.dynamic[t])
+    let uniform = model.law().filter(|_| !model.is_adaptive());
+    uniform.filter(|_| model.parts.dynamic[t])
 }
 
 fn evaluate(model: &Model, live: &LiveMesh, u: &[Vec3]) -> At {
@@ -89,6 +91,13 @@ fn evaluate(model: &Model, live: &LiveMesh, u: &[Vec3]) -> At {
             at.internal[*v as usize] += f;
         }
         at.energy += energy;
+        if let Some(blend) = live.blend.as_ref().filter(|_| model.parts.dynamic[t]) {
+            let (force, energy, _) = blend.force(material, shape, &own);
+            for (v, f) in nodes.iter().zip(force) {
+                at.internal[*v as usize] += f;
+            }
+            at.energy += energy;
+        }
     }
     at
 }
@@ -119,7 +128,10 @@ fn tangent(model: &Model, live: &LiveMesh, u: &[Vec3]) -> Vec<(usize, usize, Mat
                 let df = Vec3::ith(axis, 1.0) * shape.gradient[k].transpose();
                 match law_of(model, t) {
                     Some(law) => law.tangent(material, &f, &df),
-                    None => material.stress(&((df + df.transpose()) * 0.5)),
+                    None => {
+                        let linear = material.stress(&((df + df.transpose()) * 0.5));
+                        linear + beyond(model, live, t, &f, &df)
+                    }
                 }
             };
             let stress = [0, 1, 2].map(change);
@@ -133,6 +145,23 @@ fn tangent(model: &Model, live: &LiveMesh, u: &[Vec3]) -> Vec<(usize, usize, Mat
     entries
 }
 
+/// Of adaptive tissue on top of Hooke's law: change of stress \[Pa\] with F.
+fn beyond(
+    model: &Model,
+    live: &LiveMesh,
+    t: usize,
+    f: &Matrix3<f64>,
+    df: &Matrix3<f64>,
+) -> Matrix3<f64> {
+    let Some(blend) = live.blend.as_ref().filter(|_| model.parts.dynamic[t]) else {
+        return Matrix3::zeros();
+    };
+    let size = blend::size(&model.shape[t]);
+    let (law, material) = (blend.law, &model.material(t).law);
+    let g = f - Matrix3::identity();
+    blend::excess_tangent(law, material, blend.threshold, size, &g, df)
+}
+
 /// `free` an axis of each node, `held` \[m\] where it is not, `external` \[N\] at full value.
 pub fn solve(
     model: &Model,
@@ -141,6 +170,9 @@ pub fn solve(
     held: &[Vec3],
     external: &[Vec3],
 ) -> Result<Solution, StaticsError> {
+    if (live.blend.as_ref()).is_some_and(|blend| blend.rule == Adaptive::PerVertex) {
+        return Err(StaticsError::NoEnergy);
+    }
     let problem = Problem {
         model,
         live,

@@ -111,6 +111,9 @@ impl Simulation {
         if old.parameters.incompressibility_set {
             self.set_incompressibility(old.parameters.incompressibility);
         }
+        if old.parameters.nonlinear_threshold_set {
+            self.set_nonlinear_threshold(old.parameters.nonlinear_threshold);
+        }
         Ok(true)
     }
 
@@ -171,6 +174,13 @@ impl Simulation {
 
     /// Share of the dynamic tetrahedra whose law is not the linear one.
     pub fn nonlinear_fraction(&self) -> f64 {
+        if let Some(blend) = &self.state.live.blend {
+            let live = &self.state.live;
+            let count = (live.alive.iter().zip(&self.model.parts.dynamic))
+                .filter(|(alive, dynamic)| **alive && **dynamic)
+                .count();
+            return blend.share(&self.state.displacement, count);
+        }
         if self.model.law().is_some() { 1.0 } else { 0.0 }
     }
 
@@ -290,13 +300,29 @@ impl Simulation {
 
     /// Volume penalty \[Pa\]; the substep follows its critical value.
     pub fn set_incompressibility(&mut self, value: f64) {
-        let before = self.energy().balance();
-        self.state.parameters.incompressibility = value;
-        self.state.parameters.incompressibility_set = true;
-        self.state.live.set_penalty(value);
+        self.change_law(|state| {
+            state.parameters.incompressibility = value;
+            state.parameters.incompressibility_set = true;
+            state.live.set_penalty(value);
+        });
         self.renew_substep();
+    }
+
+    /// Of adaptive tissue, above 0 \[m\].
+    pub fn set_nonlinear_threshold(&mut self, value: f64) {
+        self.change_law(|state| {
+            state.parameters.nonlinear_threshold = value;
+            state.parameters.nonlinear_threshold_set = true;
+            state.live.set_threshold(value);
+        });
+    }
+
+    /// What that makes of energy where tissue is deformed is support work.
+    fn change_law(&mut self, change: impl FnOnce(&mut State)) {
+        let before = self.energy().balance();
+        change(&mut self.state);
         self.forget();
-        // It makes energy where volumes have changed.
+        self.state.extent = self.state.live.extent(&self.state.displacement);
         self.state.account.support_work += self.energy().balance() - before;
         self.forget();
         self.restart_account();

@@ -218,6 +218,8 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
     out.real(state.parameters.tearing_threshold);
     out.real(state.parameters.incompressibility);
     out.int(u64::from(state.parameters.incompressibility_set));
+    out.real(state.parameters.nonlinear_threshold);
+    out.int(u64::from(state.parameters.nonlinear_threshold_set));
     out.int(state.cuts_done as u64);
     out.real(state.coupling.drift);
     state.coupling.seen.iter().for_each(|d| out.real(*d));
@@ -350,8 +352,11 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
         tearing_threshold: input.real()?,
         incompressibility: input.real()?,
         incompressibility_set: input.flag()?,
+        nonlinear_threshold: input.real()?,
+        nonlinear_threshold_set: input.flag()?,
     };
     state.live.set_penalty(state.parameters.incompressibility);
+    (state.live).set_threshold(state.parameters.nonlinear_threshold);
     state.cuts_done = input.index(model.cuts.len() + 1)?;
     let drift = input.real()?;
     for seen in &mut state.coupling.seen {

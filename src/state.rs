@@ -63,6 +63,9 @@ pub struct Parameters {
     pub incompressibility: f64,
     /// As that of damping.
     pub incompressibility_set: bool,
+    /// Of adaptive tissue \[m\]; likewise a copy, and likewise set.
+    pub nonlinear_threshold: f64,
+    pub nonlinear_threshold_set: bool,
 }
 
 /// One tool: what the host says, where it is, what it feels.
@@ -137,6 +140,8 @@ impl State {
                 .map_or(f64::INFINITY, |t| t.threshold),
             incompressibility: model.penalty(),
             incompressibility_set: false,
+            nonlinear_threshold: model.scene.model.nonlinear_threshold,
+            nonlinear_threshold_set: false,
         };
         let nominal_substep = model.substep(parameters.damping);
         let mut state = State {

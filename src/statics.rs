@@ -29,6 +29,10 @@ pub enum StaticsError {
         "no equilibrium was found beyond {:.1} % of the load and of what supports prescribe: tissue buckles there, or its law does not hold for so large a deformation", 100.0 * .0
     )]
     Lost(f64),
+    #[error(
+        "model.adaptive perVertex has forces without an energy, and no equilibrium to find; use blend"
+    )]
+    NoEnergy,
 }
 
 /// Systems of more unknowns are ordered by dissection where positions are known.

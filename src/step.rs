@@ -5,6 +5,7 @@ use crate::contact::geometry::Capsule;
 use crate::contact::hold::{self, Held};
 use crate::couple::Before;
 use crate::cut;
+use crate::element::blend::Listed;
 use crate::element::tetrahedra::Extent;
 use crate::energy::Account;
 use crate::integrate::{self, implicit_euler, leapfrog, runge_kutta_4};
@@ -91,6 +92,8 @@ pub struct Workspace {
     /// A cautery has touched tissue that it cannot burn.
     pub spared: bool,
     pub(crate) tears: Tears,
+    /// Of adaptive tissue.
+    pub(crate) listed: Option<Listed>,
     start: State,
 }
 
@@ -111,6 +114,7 @@ impl Workspace {
             before: Before::with_room(model),
             loose: loose::Scratch::new(model),
             damped: 0.0,
+            listed: (state.live.blend.as_ref()).map(|blend| Listed::new(blend, nodes)),
             interface: guyan::Scratch::new(model),
             stages: runge_kutta_4::Scratch::new(model),
             implicit: implicit_euler::Scratch::new(model),
@@ -207,6 +211,9 @@ pub fn advance(
     h: f64,
 ) -> Result<(), StepError> {
     set_substep(model, state, h);
+    if let Some(listed) = &mut work.listed {
+        listed.forget();
+    }
     if model.scheme() == Scheme::CentralDifference && state.clock.total == 0 {
         leapfrog::half_step_back(model, state, &mut work.loose, h);
     }

@@ -50,6 +50,7 @@ fn fused_equals_plain_equals_edge_list() {
                 external: &state.external,
                 inverse_mass: &state.inverse_mass,
                 mass: &state.live.mass,
+                listed: None,
             };
             match k {
                 0 => sums.push(sweep(

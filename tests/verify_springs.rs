@@ -91,6 +91,7 @@ fn run(model: &Model, live: &LiveMesh, f: &mut Fields, h: f64, c: f64, by: Sweep
         external: &state.external,
         inverse_mass: &state.inverse_mass,
         mass: &live.mass,
+        listed: None,
     };
     by(
         springs(live),

@@ -301,6 +301,9 @@ pub const TABLE: &[Row] = &[
     parameter(Single, 36, INCOMPRESSIBILITY, ONE, ranged("Pa", |s, _, _| s.parameters().incompressibility,
         |s, _, _, v| { s.set_incompressibility(v); Ok(()) }, 0.0, Some(MOST_PRESSURE)), Tunable,
         "volume penalty; the substep follows its critical value"),
+    parameter(Single, 37, THRESHOLD, ONE, ranged("m", |s, _, _| s.parameters().nonlinear_threshold,
+        |s, _, _, v| above(v).map(|()| s.set_nonlinear_threshold(v)), 0.0, None), Tunable,
+        "deformation, above 0, past which tissue has another law than the linear one"),
     parameter(PerMaterial, 0, "material[#].youngModulus", ONE, ranged("Pa",
         |s, k, _| s.material(k, Material::YoungModulus),
         |s, k, _, v| set_material(s, k, Material::YoungModulus, v), 0.0, Some(1e15)), Fixed,
@@ -328,15 +331,22 @@ pub const TABLE: &[Row] = &[
 /// Only of scenes with tearing.
 const TEARING: &str = "tearing.threshold";
 
-/// Only of scenes with a law for large deformation.
+/// Only of scenes with a threshold.
+const THRESHOLD: &str = "model.nonlinearThreshold";
+
+/// Only of scenes with a law for large deformation all over.
 const INCOMPRESSIBILITY: &str = "model.incompressibility";
 
 fn set_tearing_threshold(s: &mut Simulation, value: f64) -> Result<(), String> {
-    if value <= 0.0 {
-        return Err("must be above 0".to_string());
+    above(value).map(|()| s.set_tearing_threshold(value))
+}
+
+/// For what may not be 0.
+fn above(value: f64) -> Result<(), String> {
+    match value > 0.0 {
+        true => Ok(()),
+        false => Err("must be above 0".to_string()),
     }
-    s.set_tearing_threshold(value);
-    Ok(())
 }
 
 fn whole(value: u64) -> i32 {
@@ -383,7 +393,8 @@ pub fn exists(row: &Row, model: &Model) -> bool {
     let vertices = model.scene.outputs.vertices != OutputVertices::None;
     count(row.group, model) > 0
         && (row.name != TEARING || model.scene.tearing.is_some())
-        && (row.name != INCOMPRESSIBILITY || model.law().is_some())
+        && (row.name != INCOMPRESSIBILITY || (model.law().is_some() && !model.is_adaptive()))
+        && (row.name != THRESHOLD || model.is_adaptive())
         && (row.group == Group::Single
             || row.group == Group::Tool
             || row.group == Group::Material

@@ -1,5 +1,6 @@
 //! Elements: how vertices make a deformation gradient.
 
+pub mod blend;
 pub mod constant_strain;
 pub mod kernel;
 pub mod nodal_averaged;

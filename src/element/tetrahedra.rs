@@ -334,10 +334,15 @@ impl<V: Four> Reach<V> {
 
     #[inline(always)]
     pub unsafe fn include(&mut self, point: &Point<V>) {
+        unsafe { self.include_values(point.trace, point.volume_ratio) }
+    }
+
+    #[inline(always)]
+    pub unsafe fn include_values(&mut self, trace: V, volume_ratio: V) {
         unsafe {
-            self.trace = self.trace.max(point.trace);
-            self.least = self.least.min(point.volume_ratio);
-            self.most = self.most.max(point.volume_ratio);
+            self.trace = self.trace.max(trace);
+            self.least = self.least.min(volume_ratio);
+            self.most = self.most.max(volume_ratio);
         }
     }
 

@@ -495,6 +495,7 @@ fn solve(model: &Model, state: &mut State, work: &mut Workspace, h: f64) -> u64 
             external: &s.unloaded,
             inverse_mass: &state.inverse_mass[..moving],
             mass: &state.live.mass[..moving],
+            listed: None,
         };
         let still = Advance::symplectic_euler(0.0, 0.0, 0.0);
         sweep(

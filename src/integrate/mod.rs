@@ -53,6 +53,9 @@ fn sweep(model: &Model, state: &mut State, work: &mut Workspace, by: &Advance) -
     let moving = model.parts.moving;
     work.loose.set_aside(state);
     inject(model, &state.coupling, &mut work.partial);
+    if let (Some(listed), Some(blend)) = (&mut work.listed, &state.live.blend) {
+        listed.refresh(blend, state.live.revision, &state.displacement[..moving]);
+    }
     let mut motion = Motion {
         displacement: &mut state.displacement[..moving],
         velocity: &mut state.velocity[..moving],
@@ -61,6 +64,7 @@ fn sweep(model: &Model, state: &mut State, work: &mut Workspace, by: &Advance) -
         external: &state.external[..moving],
         inverse_mass: &state.inverse_mass[..moving],
         mass: &state.live.mass[..moving],
+        listed: work.listed.as_ref(),
     };
     let sums = state.live.sweep(model, &mut motion, by);
     let Workspace {

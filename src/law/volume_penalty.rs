@@ -9,7 +9,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::response::Point;
-use crate::lanes::{Four, Square, cross};
+use crate::lanes::{Four, Square, cofactors};
 
 /// W \[J/m³\].
 pub fn energy(k: f64, f: &Matrix3<f64>) -> f64 {
@@ -47,8 +47,7 @@ pub(crate) unsafe fn add<V: Four>(point: &Point<V>, k: V, stress: &mut Square<V>
         let change = point.volume_ratio.sub(V::splat(1.0));
         let pressure = k.mul(change);
         *energy = V::splat(0.5).mul(pressure).mul_add(change, *energy);
-        let [x, y, z] = point.f;
-        let cof = [cross(y, z), cross(z, x), cross(x, y)];
+        let cof = cofactors(&point.f);
         for row in 0..3 {
             stress[row][0] = pressure.mul_add(cof[row][0], stress[row][0]);
             stress[row][1] = pressure.mul_add(cof[row][1], stress[row][1]);

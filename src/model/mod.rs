@@ -502,6 +502,18 @@ impl Model {
             }
             // Its energy is that of its vertices.
             _ if self.is_averaged() => Default::default(),
+            _ if self.is_adaptive() => {
+                let mut force = shape.linear_force(law, u);
+                let mut energy = std::array::from_fn(|k| 0.5 * u[k].dot(&force[k]));
+                if let Some(blend) = &live.blend {
+                    let (extra, own, _) = blend.force(law, shape, u);
+                    for k in 0..4 {
+                        force[k] += extra[k];
+                        energy[k] += 0.25 * own;
+                    }
+                }
+                (force, energy)
+            }
             _ => match self.law() {
                 None => {
                     let force = shape.linear_force(law, u);
@@ -546,6 +558,11 @@ impl Model {
                 sum / volume
             }
         }
+    }
+
+    /// Whether tissue has the linear law where it hardly deforms.
+    pub fn is_adaptive(&self) -> bool {
+        is_adaptive(&self.scene)
     }
 
     /// Whether a vertex has one deformation gradient for all its tetrahedra.
@@ -690,8 +707,12 @@ fn law(scene: &Scene) -> Option<Law> {
     }
 }
 
+fn is_adaptive(scene: &Scene) -> bool {
+    law(scene).is_some() && scene.model.nonlinear_threshold > 0.0
+}
+
 fn is_averaged(scene: &Scene) -> bool {
-    law(scene).is_some() && scene.model.element != Some(Element::ConstantStrain)
+    law(scene).is_some() && scene.model.element_in_use() == Element::NodalAveraged
 }
 
 fn assign_materials(

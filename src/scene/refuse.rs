@@ -10,10 +10,9 @@ use super::types::*;
 pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     let model = &scene.model;
     let nonlinear = model.elasticity != Elasticity::Linear;
-    let element = model.element.unwrap_or(match nonlinear {
-        true => Element::NodalAveraged,
-        false => Element::ConstantStrain,
-    });
+    let element = model.element_in_use();
+    let adaptive = model.nonlinear_threshold > 0.0;
+    let penalised = model.incompressibility != Incompressibility::Pressure(0.0);
     let pressed = element == Element::NodalPressure;
     let averaged = element == Element::NodalAveraged;
     let format = match &scene.mesh {
@@ -28,8 +27,7 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     let mut table = vec![
         (settled, text("start"), format!("{} with {}", word(&scene.start), word(&model.kind)), "use rest"),
         (model.form != Form::PerTetrahedron, text("model.form"), word(&model.form), "use perTetrahedron"),
-        (model.adaptive != Adaptive::Blend, text("model.adaptive"), word(&model.adaptive), "use blend"),
-        (model.nonlinear_threshold != 0.0, text("model.nonlinearThreshold"), text("a non-linear threshold"), "use 0"),
+        (adaptive && penalised, text("model.incompressibility"), text("a volume penalty with a non-linear threshold"), "use 0"),
         (pressed, text("model.element"), word(&element), if nonlinear {"use nodalAveraged"} else {"use constantStrain"}),
         (averaged && !nonlinear, text("model.element"), format!("{} with linear elasticity", word(&element)), "use constantStrain"),
         (averaged && scene.cutting.rule == CutRule::Duplicate, text("cutting.rule"), format!("duplicate with {}", word(&element)), "use remove"),
@@ -118,6 +116,7 @@ fn unsuited(scene: &Scene) -> Result<(), SceneError> {
             "measures volumes of large deformation; needs model.elasticity stVenantKirchhoff or stableNeoHookean",
         ));
     }
+    adapted(&scene.model, scene.start)?;
     if springs && nonlinear {
         return Err(SceneError::at(
             "",
@@ -136,6 +135,44 @@ fn unsuited(scene: &Scene) -> Result<(), SceneError> {
         return Err(SceneError::at("", "integration.damping", EULER_UNDAMPED));
     }
     Ok(())
+}
+
+/// What a non-linear threshold does not go with.
+fn adapted(model: &ModelSettings, start: Start) -> Result<(), SceneError> {
+    let adaptive = model.nonlinear_threshold > 0.0;
+    let per_vertex = model.adaptive == Adaptive::PerVertex;
+    let element = model.element_in_use();
+    let table = [
+        (
+            adaptive && model.elasticity == Elasticity::Linear,
+            "model.nonlinearThreshold",
+            "has no law beyond it; needs model.elasticity stVenantKirchhoff or stableNeoHookean"
+                .to_string(),
+        ),
+        (
+            adaptive && element != Element::ConstantStrain,
+            "model.element",
+            format!(
+                "{} knows no threshold; must be constantStrain with model.nonlinearThreshold",
+                word(&element)
+            ),
+        ),
+        (
+            per_vertex && !adaptive,
+            "model.adaptive",
+            "perVertex needs model.nonlinearThreshold above 0".to_string(),
+        ),
+        (
+            per_vertex && start == Start::Equilibrium,
+            "start",
+            "perVertex has forces without an energy, and no equilibrium to find; must be rest"
+                .to_string(),
+        ),
+    ];
+    match table.into_iter().find(|(refused, ..)| *refused) {
+        None => Ok(()),
+        Some((_, path, message)) => Err(SceneError::at("", path, message)),
+    }
 }
 
 /// Explicit Euler has no stable substep then.

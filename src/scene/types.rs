@@ -331,17 +331,29 @@ pub struct ModelSettings {
     pub form: Form,
     /// How linear and non-linear regions meet; default `blend`.
     pub adaptive: Adaptive,
-    /// m of displacement from which the law is non-linear; default 0: non-linear everywhere.
+    /// m of deformation over a tetrahedron (perVertex: of displacement) from which the law is non-linear; default 0:
+    /// non-linear everywhere.
     #[schemars(extend("minimum" = 0))]
     pub nonlinear_threshold: f64,
     /// Pa, volume penalty, or the tissue's own bulk modulus; default 0.
     pub incompressibility: Incompressibility,
-    /// Absent: `constantStrain` where elasticity is linear, else `nodalAveraged`.
+    /// Absent: `constantStrain` where elasticity is linear or has a threshold, else `nodalAveraged`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub element: Option<Element>,
     /// `nodalAveraged`: stabilisation c, 0.2 or more; default 0.3.
     #[schemars(extend("minimum" = 0.2))]
     pub hourglass: f64,
+}
+
+impl ModelSettings {
+    /// The element in use.
+    pub fn element_in_use(&self) -> Element {
+        let uniform = self.elasticity != Elasticity::Linear && self.nonlinear_threshold == 0.0;
+        self.element.unwrap_or(match uniform {
+            true => Element::NodalAveraged,
+            false => Element::ConstantStrain,
+        })
+    }
 }
 
 impl Default for ModelSettings {

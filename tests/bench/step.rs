@@ -64,6 +64,7 @@ impl Fields {
             external: &self.external,
             inverse_mass: &self.inverse_mass,
             mass: &self.mass,
+            listed: None,
         }
     }
 }

@@ -62,7 +62,7 @@ WRONG = {
     "substep no divisor": lambda s: s.update(integration={"substep": 0.0007}),
     "zero quaternion": lambda s: s.update(tools=[{"name": "t", "kind": "probe", "shape": {"sphere": {"radius": 0.01}},
                                                   "position": [0, 0, 1], "orientation": [0, 0, 0, 0]}]),
-    "not here yet": lambda s: s.update(model={"adaptive": "perVertex"}),
+    "not here yet": lambda s: s.update(mesh={"file": "liver.vtu"}),
 }
 
 
