@@ -62,16 +62,24 @@ fn line(text: &str) -> String {
 }
 
 #[test]
-fn averaged_elements_are_not_split() {
-    let text = edited("/model", r#"{"elasticity": "stableNeoHookean"}"#);
-    let text = text.replace(r#""mass":"uniform""#, r#""mass":"lumped""#);
-    let mut scene: Value = serde_json::from_str(&text).unwrap();
-    scene["cutting"]["rule"] = "duplicate".into();
-    scene["integration"]["mass"] = "lumped".into();
-    assert_eq!(
-        line(&scene.to_string()),
-        "plate.json: cutting.rule: duplicate with nodalAveraged is not available in this version; use remove"
-    );
+fn what_is_gathered_is_not_split() {
+    for (model, what) in [
+        (r#"{"elasticity": "stableNeoHookean"}"#, "nodalAveraged"),
+        (
+            r#"{"elasticity": "stVenantKirchhoff", "form": "polynomial"}"#,
+            "polynomial",
+        ),
+    ] {
+        let mut scene: Value = serde_json::from_str(&edited("/model", model)).unwrap();
+        scene["cutting"]["rule"] = "duplicate".into();
+        scene["integration"]["mass"] = "lumped".into();
+        assert_eq!(
+            line(&scene.to_string()),
+            format!(
+                "plate.json: cutting.rule: duplicate with {what} is not available in this version; use remove"
+            )
+        );
+    }
 }
 
 #[test]
@@ -216,7 +224,9 @@ fn each_mistake_has_its_line() {
         ("/model", r#"{"elasticity": "stVenantKirchhoff", "element": "nodalPressure"}"#, "model.element: nodalPressure is not available in this version; use nodalAveraged"),
         ("/model", r#"{"elasticity": "stVenantKirchhoff", "kind": "springMass"}"#, "model.elasticity: springMass has a law of its own; must be linear"),
         ("/model", r#"{"elasticity": "stVenantKirchhoff", "kind": "quasiStatic"}"#, "model.elasticity: what is pre-computed is linear; quasiStatic must have linear"),
-        ("/model/form", r#""polynomial""#, "model.form: polynomial is not available in this version; use perTetrahedron"),
+        ("/model/form", r#""polynomial""#, "model.form: polynomial needs stVenantKirchhoff; must be perTetrahedron with linear"),
+        ("/model", r#"{"elasticity": "stableNeoHookean", "form": "polynomial"}"#, "model.form: polynomial needs stVenantKirchhoff; must be perTetrahedron with stableNeoHookean"),
+        ("/model", r#"{"elasticity": "stVenantKirchhoff", "form": "polynomial", "element": "nodalAveraged"}"#, "model.element: nodalAveraged has no polynomial form; must be constantStrain"),
         ("/model/adaptive", r#""perVertex""#, "model.adaptive: perVertex is not available in this version; use blend"),
         ("/model/nonlinearThreshold", "0.001", "model.nonlinearThreshold: a non-linear threshold is not available in this version; use 0"),
         ("/model/incompressibility", "1000", "model.incompressibility: a volume penalty is not available in this version; use 0"),

@@ -667,7 +667,7 @@ fn law(scene: &Scene) -> Option<Law> {
 }
 
 fn is_averaged(scene: &Scene) -> bool {
-    law(scene).is_some() && scene.model.element != Some(Element::ConstantStrain)
+    law(scene).is_some() && scene.model.element() == Element::NodalAveraged
 }
 
 fn assign_materials(

@@ -337,7 +337,7 @@ pub struct ModelSettings {
     /// Pa, volume penalty; default 0.
     #[schemars(extend("minimum" = 0))]
     pub incompressibility: f64,
-    /// Absent: `constantStrain` where elasticity is linear, else `nodalAveraged`.
+    /// Absent: `constantStrain` where elasticity is linear or the form polynomial, else `nodalAveraged`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub element: Option<Element>,
     /// `nodalAveraged`: stabilisation c, 0.2 or more; default 0.3.
@@ -362,6 +362,17 @@ impl Default for ModelSettings {
             element: None,
             hourglass: 0.3,
         }
+    }
+}
+
+impl ModelSettings {
+    /// That of the dynamic part, named or not.
+    pub fn element(&self) -> Element {
+        let plain = self.elasticity == Elasticity::Linear || self.form == Form::Polynomial;
+        self.element.unwrap_or(match plain {
+            true => Element::ConstantStrain,
+            false => Element::NodalAveraged,
+        })
     }
 }
 
@@ -422,7 +433,8 @@ pub enum Form {
     /// Stress of each tetrahedron. The default.
     #[default]
     PerTetrahedron,
-    /// The papers' stiffness parameters.
+    /// The papers' stiffness parameters on vertices, edges, faces and tetrahedra: of `stVenantKirchhoff` on
+    /// `constantStrain` elements.
     Polynomial,
 }
 

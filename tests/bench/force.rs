@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use tissue::element::kernel::Kernel;
 use tissue::element::nodal_averaged::NodalAveraged;
+use tissue::element::polynomial::Polynomial;
 use tissue::element::tetrahedra::Tetrahedra;
 use tissue::law::response::Law;
 use tissue::mesh::Vec3;
@@ -55,10 +56,19 @@ fn main() {
     };
     let averaged_venant = averaged(Law::StVenantKirchhoff);
     let averaged_hookean = averaged(Law::StableNeoHookean);
+    let polynomial = Polynomial::new(&model.mesh.tetrahedra, |t| {
+        Some((&model.shape[t], &model.material(t).law))
+    });
+    for (what, bytes) in [
+        ("StVK memory", venant.bytes()),
+        ("StVK polynomial memory", polynomial.bytes()),
+    ] {
+        println!("{what},{0},{0},bytes", bytes);
+    }
     let mut out = vec![Lane::default(); n];
     let mut linear = vec![Vec3::zeros(); n];
     let (mut a, b) = (vec![[1.0f64; 4]; 512], [1.000_000_1f64; 4]);
-    let mut times = vec![Vec::new(); 9];
+    let mut times = vec![Vec::new(); 10];
     for _ in 0..ROUNDS {
         let mut run = |k: usize, f: &mut dyn FnMut()| {
             let start = Instant::now();
@@ -101,6 +111,9 @@ fn main() {
         run(8, &mut || {
             black_box(averaged_hookean.add_forces(&u, &mut out));
         });
+        run(9, &mut || {
+            black_box(polynomial.add_forces(&u, &mut out));
+        });
     }
     let names = [
         "calibration",
@@ -112,6 +125,7 @@ fn main() {
         "StVK nodal-averaged",
         "StVK nodal-averaged plain",
         "stable neo-Hookean nodal-averaged",
+        "StVK polynomial",
     ];
     for (name, times) in names.iter().zip(&mut times) {
         times.sort_by(f64::total_cmp);
