@@ -20,13 +20,14 @@
 //!
 //! So a lone tetrahedron has 253, where the paper counts 280 and leaves out the six of the tetrahedron itself.
 //!
-//! Forces are sums of terms in U that cancel where tissue moves as a whole: round-off is 1e-16 lambda V |a| (1 + |a||U|)³.
+//! Forces are sums of terms in U that cancel where tissue moves as a whole: round-off is 1e-16 lambda V |a|² |U| (1 + |a||U|)².
 
-use crate::element::constant_strain::Shape;
+use nalgebra::Matrix3;
+
+use super::constant_strain::Shape;
 use crate::law::linear::{Fibre, Hooke};
 use crate::mesh::Vec3;
 use crate::model::tensor_mass::Lane;
-use nalgebra::Matrix3;
 
 /// How many numbers there are of each.
 const VERTEX: usize = 10;
@@ -182,12 +183,9 @@ impl<const N: usize, const K: usize> Simplex<N, K> {
         }
     }
 
+    #[inline(always)]
     fn vec3(&self, at: usize) -> Vec3 {
         Vec3::new(self.number[at], self.number[at + 1], self.number[at + 2])
-    }
-
-    fn displaced(&self, u: &[Lane]) -> [Vec3; N] {
-        self.node.map(|v| u[v as usize].xyz())
     }
 }
 
@@ -305,16 +303,24 @@ impl Polynomial {
     }
 }
 
-fn add(to: &mut Lane, force: Vec3) {
-    to.0[0] += force.x;
-    to.0[1] += force.y;
-    to.0[2] += force.z;
+#[inline(always)]
+fn at(u: &[Lane], node: u32) -> Vec3 {
+    u[node as usize].xyz()
+}
+
+#[inline(always)]
+fn add(to: &mut [Lane], node: u32, force: Vec3) {
+    let Lane(to) = &mut to[node as usize];
+    to[0] += force.x;
+    to[1] += force.y;
+    to[2] += force.z;
 }
 
 impl Simplex<1, VERTEX> {
     #[inline(always)]
     fn add_force(&self, u: &[Lane], to: &mut [Lane]) -> f64 {
-        let [u] = self.displaced(u);
+        let [p] = self.node;
+        let u = at(u, p);
         let [xx, yy, zz, yz, zx, xy, .., d] = self.number;
         let c = self.vec3(6);
         let linear = Vec3::new(
@@ -322,20 +328,21 @@ impl Simplex<1, VERTEX> {
             xy * u.x + yy * u.y + yz * u.z,
             zx * u.x + yz * u.y + zz * u.z,
         );
-        let (square, along) = (u.dot(&u), u.dot(&c));
-        let force = linear + c * square + u * (2.0 * along + 4.0 * d * square);
-        add(&mut to[self.node[0] as usize], force);
-        0.5 * u.dot(&linear) + (along + d * square) * square
+        let (uu, along) = (u.dot(&u), u.dot(&c));
+        let force = linear + c * uu + u * (2.0 * along + 4.0 * d * uu);
+        add(to, p, force);
+        0.5 * u.dot(&linear) + (along + d * uu) * uu
     }
 }
 
 impl Simplex<2, EDGE> {
     #[inline(always)]
     fn add_force(&self, u: &[Lane], to: &mut [Lane]) -> f64 {
-        let [p, q] = self.node.map(|v| v as usize);
-        let [u, v] = self.displaced(u);
+        let [p, q] = self.node;
+        let (u, v) = (at(u, p), at(u, q));
         let k = Matrix3::from_column_slice(&self.number[..9]);
-        let [c1, c2, c3, c4] = [9, 12, 15, 18].map(|at| self.vec3(at));
+        let (c1, c2) = (self.vec3(9), self.vec3(12));
+        let (c3, c4) = (self.vec3(15), self.vec3(18));
         let [.., d1, d2, d3, d4] = self.number;
         let (uu, uv, vv) = (u.dot(&u), u.dot(&v), v.dot(&v));
         let (v1, u2, v3, u4) = (v.dot(&c1), u.dot(&c2), v.dot(&c3), u.dot(&c4));
@@ -346,8 +353,8 @@ impl Simplex<2, EDGE> {
         let linear = k * v;
         let on_u = linear + u * (2.0 * by_uu) + v * by_uv + c2 * uv + c4 * vv;
         let on_v = k.tr_mul(&u) + v * (2.0 * by_vv) + u * by_uv + c3 * uv + c1 * uu;
-        add(&mut to[p], on_u);
-        add(&mut to[q], on_v);
+        add(to, p, on_u);
+        add(to, q, on_v);
         u.dot(&linear) + by_uu * uu + (u2 + v3 + d2 * uv + d3 * vv) * uv + u4 * vv
     }
 }
@@ -355,9 +362,9 @@ impl Simplex<2, EDGE> {
 impl Simplex<3, FACE> {
     #[inline(always)]
     fn add_force(&self, u: &[Lane], to: &mut [Lane]) -> f64 {
-        let [p, q, r] = self.node.map(|v| v as usize);
-        let [u, v, w] = self.displaced(u);
-        let [c1, c2, c3] = [0, 3, 6].map(|at| self.vec3(at));
+        let [p, q, r] = self.node;
+        let (u, v, w) = (at(u, p), at(u, q), at(u, r));
+        let (c1, c2, c3) = (self.vec3(0), self.vec3(3), self.vec3(6));
         let [.., d1, d2, d3, d4, d5, d6] = self.number;
         let (x, y, z) = (v.dot(&w), w.dot(&u), u.dot(&v));
         let own_x = u.dot(&c1) + d1 * u.dot(&u);
@@ -367,9 +374,9 @@ impl Simplex<3, FACE> {
         let by_x = own_x + d5 * z + d6 * y;
         let by_y = own_y + d4 * z + d6 * x;
         let by_z = own_z + d4 * y + d5 * x;
-        add(&mut to[p], (u * (2.0 * d1) + c1) * x + w * by_y + v * by_z);
-        add(&mut to[q], (v * (2.0 * d2) + c2) * y + u * by_z + w * by_x);
-        add(&mut to[r], (w * (2.0 * d3) + c3) * z + v * by_x + u * by_y);
+        add(to, p, (u * (2.0 * d1) + c1) * x + w * by_y + v * by_z);
+        add(to, q, (v * (2.0 * d2) + c2) * y + u * by_z + w * by_x);
+        add(to, r, (w * (2.0 * d3) + c3) * z + v * by_x + u * by_y);
         own_x * x + own_y * y + own_z * z + d4 * y * z + d5 * z * x + d6 * x * y
     }
 }
@@ -377,19 +384,19 @@ impl Simplex<3, FACE> {
 impl Simplex<4, TETRAHEDRON> {
     #[inline(always)]
     fn add_force(&self, u: &[Lane], to: &mut [Lane]) -> f64 {
-        let [p, q, r, s] = self.node.map(|v| v as usize);
-        let [u_p, u_q, u_r, u_s] = self.displaced(u);
+        let [p, q, r, s] = self.node;
+        let (u_p, u_q, u_r, u_s) = (at(u, p), at(u, q), at(u, r), at(u, s));
         let [d1, d2, d3] = self.number;
         let (pq, rs) = (u_p.dot(&u_q), u_r.dot(&u_s));
         let (pr, qs) = (u_p.dot(&u_r), u_q.dot(&u_s));
         let (ps, qr) = (u_p.dot(&u_s), u_q.dot(&u_r));
-        let [by_pq, by_rs] = [d1 * rs, d1 * pq];
-        let [by_pr, by_qs] = [d2 * qs, d2 * pr];
-        let [by_ps, by_qr] = [d3 * qr, d3 * ps];
-        add(&mut to[p], u_q * by_pq + u_r * by_pr + u_s * by_ps);
-        add(&mut to[q], u_p * by_pq + u_s * by_qs + u_r * by_qr);
-        add(&mut to[r], u_s * by_rs + u_p * by_pr + u_q * by_qr);
-        add(&mut to[s], u_r * by_rs + u_q * by_qs + u_p * by_ps);
+        let (by_pq, by_rs) = (d1 * rs, d1 * pq);
+        let (by_pr, by_qs) = (d2 * qs, d2 * pr);
+        let (by_ps, by_qr) = (d3 * qr, d3 * ps);
+        add(to, p, u_q * by_pq + u_r * by_pr + u_s * by_ps);
+        add(to, q, u_p * by_pq + u_s * by_qs + u_r * by_qr);
+        add(to, r, u_s * by_rs + u_p * by_pr + u_q * by_qr);
+        add(to, s, u_r * by_rs + u_q * by_qs + u_p * by_ps);
         by_pq * pq + by_pr * pr + by_ps * ps
     }
 }
