@@ -73,6 +73,7 @@ impl Tissue<'_> {
         Some((fibre.direction.dot(&self.shape.gradient[j]), fibre))
     }
 
+    /// a_j . a_k.
     fn dot(&self, j: usize, k: usize) -> f64 {
         self.shape.gradient[j].dot(&self.shape.gradient[k])
     }
@@ -83,6 +84,7 @@ impl Tissue<'_> {
         (self.material).stiffness_block(self.shape.volume, &a[j], &a[k])
     }
 
+    /// C_jkl.
     fn c(&self, j: usize, k: usize, l: usize) -> Vec3 {
         let (a, Hooke { lambda, mu, .. }) = (&self.shape.gradient, self.material);
         let mut c = a[j] * (0.5 * lambda * self.dot(k, l))
@@ -95,6 +97,7 @@ impl Tissue<'_> {
         c * self.shape.volume
     }
 
+    /// D_jklm.
     fn d(&self, j: usize, k: usize, l: usize, m: usize) -> f64 {
         let Hooke { lambda, mu, .. } = self.material;
         let mut d = lambda / 8.0 * self.dot(j, k) * self.dot(l, m)
