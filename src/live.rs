@@ -5,6 +5,7 @@ use nalgebra::Matrix3;
 use crate::element::Elements;
 use crate::element::blend::Blend;
 use crate::element::nodal_averaged::NodalAveraged;
+use crate::element::polynomial::{self, Polynomial};
 use crate::element::tetrahedra::{self, Extent, Tetrahedra};
 use crate::law::linear::Hooke;
 use crate::law::response::Law;
@@ -16,7 +17,7 @@ use crate::model::sweep::{Advance, Motion, Sums, sweep};
 use crate::model::tensor_mass::{Lane, Pattern, Tensors};
 use crate::model::{Model, element_sweep, spring_sweep};
 use crate::pieces::{Pieces, Search, Tissue};
-use crate::scene::{CutMass, Mass, ModelKind};
+use crate::scene::{CutMass, Form, Mass, ModelKind};
 
 /// Everything that a cut changes. A pure function of the model and of the list of removals in their
 /// order, to the bit: that list is what a saved state holds.
@@ -88,10 +89,15 @@ impl LiveMesh {
         let uniform = model.law().filter(|_| !model.is_adaptive());
         let mut elements = uniform.map(|law| {
             let moves = |t: &usize| model.parts.dynamic[*t];
-            let each = Tetrahedra::new(law, &model.mesh.tetrahedra, |t| {
+            let tissue = |t: usize| {
                 let t = Some(t).filter(moves)?;
                 Some((&model.shape[t], &model.material(t).law))
-            });
+            };
+            let each = Tetrahedra::new(law, &model.mesh.tetrahedra, tissue);
+            if model.scene.model.form == Form::Polynomial {
+                let own = Polynomial::new(&model.mesh.tetrahedra, tissue);
+                return Elements::Polynomial(Box::new(own), each);
+            }
             if !model.is_averaged() {
                 return Elements::ConstantStrain(each);
             }
@@ -285,7 +291,9 @@ impl LiveMesh {
     pub fn internal_force(&self, model: &Model, i: usize, u: &[Lane]) -> Vec3 {
         match (&self.springs, &self.elements) {
             (Some(springs), _) => springs.force(self.pattern(model), i, u),
-            (_, Some(Elements::ConstantStrain(own))) => self.star_force(model, own.law, i, u),
+            (_, Some(Elements::ConstantStrain(own) | Elements::Polynomial(_, own))) => {
+                self.star_force(model, own.law, i, u)
+            }
             (_, Some(Elements::NodalAveraged(own, _))) => own.node_force(i, u),
             _ => {
                 let linear = self.tensors.row_product(self.pattern(model), i, u);
@@ -514,11 +522,15 @@ impl LiveMesh {
             nodes.sort_unstable();
             nodes.dedup();
         }
-        // Elements are not gathered on edges.
-        if self.elements.is_none() {
-            for (ends, edge) in &edges {
-                self.sum_edge(model, *ends, *edge);
+        match self.elements {
+            None => {
+                for (ends, edge) in &edges {
+                    self.sum_edge(model, *ends, *edge);
+                }
             }
+            Some(Elements::Polynomial(..)) => self.sum_polynomial(model, &nodes, &edges),
+            // Not gathered on edges.
+            Some(_) => {}
         }
         for node in &nodes {
             self.sum_node(model, *node as usize);
@@ -555,6 +567,36 @@ impl LiveMesh {
         match &mut self.springs {
             Some(springs) => springs.set(pattern, ends[0], ends[1], spring),
             None => self.tensors.set(pattern, ends[0], ends[1], &block),
+        }
+    }
+
+    /// Those of the papers' parameters that have lost a tetrahedron.
+    fn sum_polynomial(&mut self, model: &Model, nodes: &[u32], edges: &[([u32; 2], u32)]) {
+        let Some(Elements::Polynomial(own, _)) = &mut self.elements else {
+            return;
+        };
+        let (topology, dynamic, alive) = (&model.topology, &model.parts.dynamic, &self.alive);
+        let left = |t: &u32| {
+            let t = Some(*t as usize).filter(|t| *t < alive.len() && alive[*t] && dynamic[*t])?;
+            Some(polynomial::Tissue {
+                nodes: &self.tetrahedra[t],
+                shape: &model.shape[t],
+                material: &model.material(t).law,
+            })
+        };
+        for node in nodes {
+            let star = topology.star(*node as usize).iter();
+            own.sum_again(&[*node], star.filter_map(left));
+        }
+        for (ends, edge) in edges {
+            own.sum_again(ends, topology.edge_star(*edge).iter().filter_map(left));
+        }
+        for (t, corners) in &self.dirty {
+            for face in topology.tetrahedron_faces[*t as usize] {
+                let face = &topology.faces[face as usize];
+                own.sum_again(&face.vertices, face.tetrahedra.iter().filter_map(left));
+            }
+            own.sum_again(corners, left(t).into_iter());
         }
     }
 

@@ -62,16 +62,24 @@ fn line(text: &str) -> String {
 }
 
 #[test]
-fn averaged_elements_are_not_split() {
-    let text = edited("/model", r#"{"elasticity": "stableNeoHookean"}"#);
-    let text = text.replace(r#""mass":"uniform""#, r#""mass":"lumped""#);
-    let mut scene: Value = serde_json::from_str(&text).unwrap();
-    scene["cutting"]["rule"] = "duplicate".into();
-    scene["integration"]["mass"] = "lumped".into();
-    assert_eq!(
-        line(&scene.to_string()),
-        "plate.json: cutting.rule: duplicate with nodalAveraged is not available in this version; use remove"
-    );
+fn what_is_gathered_is_not_split() {
+    for (model, what) in [
+        (r#"{"elasticity": "stableNeoHookean"}"#, "nodalAveraged"),
+        (
+            r#"{"elasticity": "stVenantKirchhoff", "form": "polynomial"}"#,
+            "polynomial",
+        ),
+    ] {
+        let mut scene: Value = serde_json::from_str(&edited("/model", model)).unwrap();
+        scene["cutting"]["rule"] = "duplicate".into();
+        scene["integration"]["mass"] = "lumped".into();
+        assert_eq!(
+            line(&scene.to_string()),
+            format!(
+                "plate.json: cutting.rule: duplicate with {what} is not available in this version; use remove"
+            )
+        );
+    }
 }
 
 #[test]
@@ -216,13 +224,17 @@ fn each_mistake_has_its_line() {
         ("/model", r#"{"elasticity": "stVenantKirchhoff", "element": "nodalPressure"}"#, "model.element: nodalPressure is not available in this version; use nodalAveraged"),
         ("/model", r#"{"elasticity": "stVenantKirchhoff", "kind": "springMass"}"#, "model.elasticity: springMass has a law of its own; must be linear"),
         ("/model", r#"{"elasticity": "stVenantKirchhoff", "kind": "quasiStatic"}"#, "model.elasticity: what is pre-computed is linear; quasiStatic must have linear"),
-        ("/model/form", r#""polynomial""#, "model.form: polynomial is not available in this version; use perTetrahedron"),
+        ("/model/form", r#""polynomial""#, "model.form: polynomial needs stVenantKirchhoff; must be perTetrahedron with linear"),
+        ("/model", r#"{"elasticity": "stableNeoHookean", "form": "polynomial"}"#, "model.form: polynomial needs stVenantKirchhoff; must be perTetrahedron with stableNeoHookean"),
+        ("/model", r#"{"elasticity": "stVenantKirchhoff", "form": "polynomial", "element": "nodalAveraged"}"#, "model.element: nodalAveraged has no polynomial form; must be constantStrain"),
         ("/model/adaptive", r#""perVertex""#, "model.adaptive: perVertex needs model.nonlinearThreshold above 0"),
         ("/model/nonlinearThreshold", "0.001", "model.nonlinearThreshold: has no law beyond it; needs model.elasticity stVenantKirchhoff or stableNeoHookean"),
         ("/model", r#"{"elasticity": "stVenantKirchhoff", "nonlinearThreshold": 0.001, "element": "nodalAveraged"}"#, "model.element: nodalAveraged knows no threshold; must be constantStrain with model.nonlinearThreshold"),
         ("/model", r#"{"elasticity": "stVenantKirchhoff", "nonlinearThreshold": 0.001, "incompressibility": 1000}"#, "model.incompressibility: a volume penalty with a non-linear threshold is not available in this version; use 0"),
         ("/model/incompressibility", "1000", "model.incompressibility: measures volumes of large deformation; needs model.elasticity stVenantKirchhoff or stableNeoHookean"),
         ("/model/incompressibility", r#""water""#, r#"model.incompressibility: found the string "water"; must be a number 0 or more or "bulkModulus""#),
+        ("/model", r#"{"elasticity": "stVenantKirchhoff", "form": "polynomial", "nonlinearThreshold": 0.001}"#, "model.form: polynomial with a non-linear threshold is not available in this version; use perTetrahedron"),
+        ("/model", r#"{"elasticity": "stVenantKirchhoff", "form": "polynomial", "incompressibility": 1000}"#, "model.incompressibility: a volume penalty with polynomial is not available in this version; use 0"),
         ("/model/element", r#""nodalAveraged""#, "model.element: nodalAveraged with linear elasticity is not available in this version; use constantStrain"),
         ("/integration/damping", "2e6", "integration.damping: 2000000.0 is out of range; must be at most 1e6"),
         ("/gravity", "[0, 0, -1e9]", "gravity[2]: -1000000000.0 is out of range; must be from -1e6 to 1e6"),

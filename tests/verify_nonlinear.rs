@@ -9,6 +9,7 @@ use tissue::element::Elements;
 use tissue::element::constant_strain::Shape;
 use tissue::element::kernel::Kernel;
 use tissue::element::nodal_averaged::NodalAveraged;
+use tissue::element::polynomial::Polynomial;
 use tissue::element::tetrahedra::{Tetrahedra, force};
 use tissue::law::linear::Hooke;
 use tissue::law::response::Law;
@@ -459,6 +460,10 @@ fn fresh_elements_are_the_same(model: &Model, s: &tissue::simulation::Simulation
             let left = |t: usize| left(t).map(|(shape, law)| (shape, law, 0));
             NodalAveraged::new(elements.law(), 0.3, &live.tetrahedra, left)
                 .add_forces(u, &mut other)
+        }
+        Elements::Polynomial(_, each) => {
+            let own = Polynomial::new(&live.tetrahedra, left);
+            (own.add_forces(u, &mut other), each.extent(u))
         }
     };
     let scale = largest(&one);

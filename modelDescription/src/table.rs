@@ -393,7 +393,7 @@ pub fn exists(row: &Row, model: &Model) -> bool {
     let vertices = model.scene.outputs.vertices != OutputVertices::None;
     count(row.group, model) > 0
         && (row.name != TEARING || model.scene.tearing.is_some())
-        && (row.name != INCOMPRESSIBILITY || (model.law().is_some() && !model.is_adaptive()))
+        && (row.name != INCOMPRESSIBILITY || model.takes_penalty())
         && (row.name != THRESHOLD || model.is_adaptive())
         && (row.group == Group::Single
             || row.group == Group::Tool

@@ -4,12 +4,14 @@ pub mod blend;
 pub mod constant_strain;
 pub mod kernel;
 pub mod nodal_averaged;
+pub mod polynomial;
 pub mod tetrahedra;
 
 use crate::law::response::Law;
 use crate::model::tensor_mass::Lane;
 use kernel::Kernel;
 use nodal_averaged::NodalAveraged;
+use polynomial::Polynomial;
 use tetrahedra::{Extent, Tetrahedra};
 
 /// Tissue with a non-linear law.
@@ -18,6 +20,8 @@ pub enum Elements {
     ConstantStrain(Tetrahedra),
     /// The tetrahedra tell how far each of them is deformed, which averages hide.
     NodalAveraged(Box<NodalAveraged>, Tetrahedra),
+    /// Constant-strain tetrahedra that tell how far they are deformed, their forces in the papers' form.
+    Polynomial(Box<Polynomial>, Tetrahedra),
 }
 
 impl Elements {
@@ -39,13 +43,17 @@ impl Elements {
 
     pub fn tetrahedra(&self) -> &Tetrahedra {
         match self {
-            Elements::ConstantStrain(own) | Elements::NodalAveraged(_, own) => own,
+            Elements::ConstantStrain(own)
+            | Elements::NodalAveraged(_, own)
+            | Elements::Polynomial(_, own) => own,
         }
     }
 
     pub(crate) fn tetrahedra_mut(&mut self) -> &mut Tetrahedra {
         match self {
-            Elements::ConstantStrain(own) | Elements::NodalAveraged(_, own) => own,
+            Elements::ConstantStrain(own)
+            | Elements::NodalAveraged(_, own)
+            | Elements::Polynomial(_, own) => own,
         }
     }
 
@@ -54,15 +62,19 @@ impl Elements {
         match self {
             Elements::ConstantStrain(own) => own.add_forces(u, to),
             Elements::NodalAveraged(own, _) => own.add_forces(u, to),
+            Elements::Polynomial(own, each) => (own.add_forces(u, to), each.extent(u)),
         }
     }
 
     /// Keeps the room that there is.
     pub(crate) fn copy_from(&mut self, other: &Elements) {
         self.tetrahedra_mut().copy_from(other.tetrahedra());
-        if let (Elements::NodalAveraged(own, _), Elements::NodalAveraged(other, _)) = (self, other)
-        {
-            own.copy_from(other);
+        match (self, other) {
+            (Elements::NodalAveraged(own, _), Elements::NodalAveraged(other, _)) => {
+                own.copy_from(other);
+            }
+            (Elements::Polynomial(own, _), Elements::Polynomial(other, _)) => own.copy_from(other),
+            _ => {}
         }
     }
 
@@ -70,6 +82,7 @@ impl Elements {
         match self {
             Elements::ConstantStrain(own) => own.bytes(),
             Elements::NodalAveraged(own, each) => own.bytes() + each.bytes(),
+            Elements::Polynomial(own, each) => own.bytes() + each.bytes(),
         }
     }
 }

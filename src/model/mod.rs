@@ -28,7 +28,7 @@ use crate::mesh::topology::{Face, NONE, Topology};
 use crate::mesh::{self, MeshError, TetMesh, Vec3};
 use crate::pieces::{Pieces, Tissue, free_modes};
 use crate::scene::{
-    Connection, CutRule, Elasticity, Element, Incompressibility, InterfaceMass, ModelKind,
+    Connection, CutRule, Elasticity, Element, Form, Incompressibility, InterfaceMass, ModelKind,
     ModelSettings, OutputVertices, Scene, SceneError, Scheme, Selector, Start, ToolKind,
     select_tetrahedra,
 };
@@ -565,6 +565,12 @@ impl Model {
         is_adaptive(&self.scene)
     }
 
+    /// Whether there may be a volume penalty.
+    pub fn takes_penalty(&self) -> bool {
+        let is_sum = self.scene.model.form == Form::PerTetrahedron;
+        self.law().is_some() && !self.is_adaptive() && is_sum
+    }
+
     /// Whether a vertex has one deformation gradient for all its tetrahedra.
     pub fn is_averaged(&self) -> bool {
         is_averaged(&self.scene)
@@ -712,7 +718,7 @@ fn is_adaptive(scene: &Scene) -> bool {
 }
 
 fn is_averaged(scene: &Scene) -> bool {
-    law(scene).is_some() && scene.model.element_in_use() == Element::NodalAveraged
+    law(scene).is_some() && scene.model.element() == Element::NodalAveraged
 }
 
 fn assign_materials(

@@ -10,11 +10,13 @@ use super::types::*;
 pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     let model = &scene.model;
     let nonlinear = model.elasticity != Elasticity::Linear;
-    let element = model.element_in_use();
+    let element = model.element();
     let adaptive = model.nonlinear_threshold > 0.0;
     let penalised = model.incompressibility != Incompressibility::Pressure(0.0);
     let pressed = element == Element::NodalPressure;
     let averaged = element == Element::NodalAveraged;
+    let polynomial = model.form == Form::Polynomial;
+    let splits = scene.cutting.rule == CutRule::Duplicate;
     let format = match &scene.mesh {
         MeshSource::File { file, .. } => extension(file),
         _ => "msh",
@@ -26,11 +28,12 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     #[rustfmt::skip]
     let mut table = vec![
         (settled, text("start"), format!("{} with {}", word(&scene.start), word(&model.kind)), "use rest"),
-        (model.form != Form::PerTetrahedron, text("model.form"), word(&model.form), "use perTetrahedron"),
-        (adaptive && penalised, text("model.incompressibility"), text("a volume penalty with a non-linear threshold"), "use 0"),
+        (adaptive && polynomial, text("model.form"), format!("{} with a non-linear threshold", word(&model.form)), "use perTetrahedron"),
+        ((adaptive || polynomial) && penalised, text("model.incompressibility"), format!("a volume penalty with {}", if polynomial {"polynomial"} else {"a non-linear threshold"}), "use 0"),
         (pressed, text("model.element"), word(&element), if nonlinear {"use nodalAveraged"} else {"use constantStrain"}),
         (averaged && !nonlinear, text("model.element"), format!("{} with linear elasticity", word(&element)), "use constantStrain"),
-        (averaged && scene.cutting.rule == CutRule::Duplicate, text("cutting.rule"), format!("duplicate with {}", word(&element)), "use remove"),
+        (averaged && splits, text("cutting.rule"), format!("duplicate with {}", word(&element)), "use remove"),
+        (polynomial && splits, text("cutting.rule"), format!("duplicate with {}", word(&model.form)), "use remove"),
         (!format.eq_ignore_ascii_case("msh"), text("mesh.file"), format!("the mesh format .{format}"), "use .msh"),
     ];
     for (i, tool) in scene.tools.iter().enumerate() {
@@ -131,6 +134,23 @@ fn unsuited(scene: &Scene) -> Result<(), SceneError> {
             "what is pre-computed is linear; quasiStatic must have linear",
         ));
     }
+    let polynomial = scene.model.form == Form::Polynomial;
+    if polynomial && scene.model.elasticity != Elasticity::StVenantKirchhoff {
+        let law = word(&scene.model.elasticity);
+        return Err(SceneError::at(
+            "",
+            "model.form",
+            format!("polynomial needs stVenantKirchhoff; must be perTetrahedron with {law}"),
+        ));
+    }
+    if polynomial && scene.model.element() != Element::ConstantStrain {
+        let element = word(&scene.model.element());
+        return Err(SceneError::at(
+            "",
+            "model.element",
+            format!("{element} has no polynomial form; must be constantStrain"),
+        ));
+    }
     if scheme == Some(Scheme::Euler) && scene.integration.damping == Some(0.0) {
         return Err(SceneError::at("", "integration.damping", EULER_UNDAMPED));
     }
@@ -141,7 +161,7 @@ fn unsuited(scene: &Scene) -> Result<(), SceneError> {
 fn adapted(model: &ModelSettings, start: Start) -> Result<(), SceneError> {
     let adaptive = model.nonlinear_threshold > 0.0;
     let per_vertex = model.adaptive == Adaptive::PerVertex;
-    let element = model.element_in_use();
+    let element = model.element();
     let table = [
         (
             adaptive && model.elasticity == Elasticity::Linear,

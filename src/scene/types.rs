@@ -337,7 +337,7 @@ pub struct ModelSettings {
     pub nonlinear_threshold: f64,
     /// Pa, volume penalty, or the tissue's own bulk modulus; default 0.
     pub incompressibility: Incompressibility,
-    /// Absent: `constantStrain` where elasticity is linear or has a threshold, else `nodalAveraged`.
+    /// Absent: `constantStrain` where elasticity is linear or has a threshold or the form polynomial, else `nodalAveraged`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub element: Option<Element>,
     /// `nodalAveraged`: stabilisation c, 0.2 or more; default 0.3.
@@ -346,12 +346,14 @@ pub struct ModelSettings {
 }
 
 impl ModelSettings {
-    /// The element in use.
-    pub fn element_in_use(&self) -> Element {
-        let uniform = self.elasticity != Elasticity::Linear && self.nonlinear_threshold == 0.0;
-        self.element.unwrap_or(match uniform {
-            true => Element::NodalAveraged,
-            false => Element::ConstantStrain,
+    /// That of the dynamic part, named or not.
+    pub fn element(&self) -> Element {
+        let plain = self.elasticity == Elasticity::Linear
+            || self.form == Form::Polynomial
+            || self.nonlinear_threshold > 0.0;
+        self.element.unwrap_or(match plain {
+            true => Element::ConstantStrain,
+            false => Element::NodalAveraged,
         })
     }
 }
@@ -444,7 +446,8 @@ pub enum Form {
     /// Stress of each tetrahedron. The default.
     #[default]
     PerTetrahedron,
-    /// The papers' stiffness parameters.
+    /// The papers' stiffness parameters on vertices, edges, faces and tetrahedra: of `stVenantKirchhoff` on
+    /// `constantStrain` elements.
     Polynomial,
 }
 

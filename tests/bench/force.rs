@@ -10,6 +10,7 @@ use std::time::Instant;
 use tissue::element::blend::{Blend, Listed};
 use tissue::element::kernel::Kernel;
 use tissue::element::nodal_averaged::NodalAveraged;
+use tissue::element::polynomial::Polynomial;
 use tissue::element::tetrahedra::Tetrahedra;
 use tissue::law::response::Law;
 use tissue::mesh::Vec3;
@@ -83,10 +84,19 @@ fn main() {
     let (mut v, mut w) = (zeros.clone(), u.clone());
     let (mut residual, mut partial) = (zeros.clone(), zeros.clone());
     let by = Advance::symplectic_euler(0.0, 0.0, 0.0);
+    let polynomial = Polynomial::new(&model.mesh.tetrahedra, |t| {
+        Some((&model.shape[t], &model.material(t).law))
+    });
+    for (what, bytes) in [
+        ("StVK memory", venant.bytes()),
+        ("StVK polynomial memory", polynomial.bytes()),
+    ] {
+        println!("{what},{0},{0},bytes", bytes);
+    }
     let mut out = vec![Lane::default(); n];
     let mut linear = vec![Vec3::zeros(); n];
     let (mut a, b) = (vec![[1.0f64; 4]; 512], [1.000_000_1f64; 4]);
-    let mut times = vec![Vec::new(); 11];
+    let mut times = vec![Vec::new(); 12];
     for _ in 0..ROUNDS {
         let mut run = |k: usize, f: &mut dyn FnMut()| {
             let start = Instant::now();
@@ -167,6 +177,9 @@ fn main() {
                 &by,
             ));
         });
+        run(11, &mut || {
+            black_box(polynomial.add_forces(&u, &mut out));
+        });
     }
     println!("blend looks at,{},,", listed.places());
     let names = [
@@ -181,6 +194,7 @@ fn main() {
         "stable neo-Hookean nodal-averaged",
         "linear substep",
         "StVK blend of a 10 % share substep",
+        "StVK polynomial",
     ];
     for (name, times) in names.iter().zip(&mut times) {
         times.sort_by(f64::total_cmp);
