@@ -135,7 +135,7 @@ impl Simulation {
             self.work = Workspace::new(&self.model, &State::new(&self.model));
         }
         self.state = State::new(&self.model);
-        self.work.tears.forget();
+        self.work.forget();
         self.forget();
     }
 
@@ -432,7 +432,7 @@ impl Simulation {
 
     pub fn restore(&mut self, saved: &State) {
         self.state.copy_from(&self.model, saved);
-        self.work.tears.forget();
+        self.work.forget();
         self.forget();
     }
 

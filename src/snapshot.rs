@@ -249,7 +249,7 @@ pub fn size(state: &State) -> usize {
         + 8 * state.released.len()
         + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1 + 9) * state.tools.len()
         + 7
-        + 6
+        + 10
         + 2
         + 2
         + 2

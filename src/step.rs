@@ -98,6 +98,14 @@ pub struct Workspace {
 }
 
 impl Workspace {
+    /// The state is another one.
+    pub(crate) fn forget(&mut self) {
+        self.tears.forget();
+        if let Some(listed) = &mut self.listed {
+            listed.forget();
+        }
+    }
+
     pub fn new(model: &Model, state: &State) -> Workspace {
         let nodes = model.parts.moving;
         let tools = model.scene.tools.len();
@@ -175,7 +183,7 @@ pub fn step(
             Err(_) => work.partial.fill(Lane::default()),
         }
         state.copy_from(model, &work.start);
-        work.tears.forget();
+        work.forget();
         if matches!(outcome, Err(StepError::Orientation(_))) {
             break;
         }
@@ -211,9 +219,6 @@ pub fn advance(
     h: f64,
 ) -> Result<(), StepError> {
     set_substep(model, state, h);
-    if let Some(listed) = &mut work.listed {
-        listed.forget();
-    }
     if model.scheme() == Scheme::CentralDifference && state.clock.total == 0 {
         leapfrog::half_step_back(model, state, &mut work.loose, h);
     }

@@ -53,6 +53,13 @@ fn restored_equals_never_interrupted() {
     for scheme in ["euler", "rungeKutta4", "implicitEuler"] {
         restored(&common::bar_with(scheme));
     }
+    restored(&adaptive());
+}
+
+/// A part of it beyond the threshold.
+fn adaptive() -> String {
+    let model = r#"{"model": {"elasticity": "stVenantKirchhoff", "nonlinearThreshold": 0.0005},"#;
+    common::BAR.replacen('{', model, 1)
 }
 
 fn restored(scene: &str) {
@@ -125,10 +132,15 @@ fn damaged_bytes_are_refused() {
 /// One straight path by derivatives, and rest: 10 x 1 ms = 1 x 10 ms = mixed.
 #[test]
 fn splitting_time_changes_no_bit() {
+    split(common::BAR);
+    split(&adaptive());
+}
+
+fn split(scene: &str) {
     let splits: [&[u32]; 3] = [&[1; 60], &[10; 6], &[3, 7, 20, 1, 1, 28]];
     let mut results = Vec::new();
     for split in splits {
-        let mut s = common::simulation(common::BAR);
+        let mut s = common::simulation(scene);
         // Down at 0.2 m/s into the tissue, from 0.036 m.
         s.set_pose_input(0, 2, 0.036);
         s.place_tools().unwrap();

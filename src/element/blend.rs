@@ -17,7 +17,7 @@ use nalgebra::Matrix3;
 
 use super::constant_strain::Shape;
 use super::tetrahedra::{Extent, Reach};
-use crate::lanes::{self, Four, Plain, Square, dot, load3, product, sub3};
+use crate::lanes::{self, Four, Plain, Square, dot, product, sub3};
 use crate::law::linear::Hooke;
 use crate::law::response::{Law, Point, Response};
 use crate::law::st_venant_kirchhoff::StVenantKirchhoff;
@@ -30,69 +30,75 @@ use crate::scene::Adaptive;
 /// Share of the threshold from which a tetrahedron is listed: what is not may move on for a while.
 const LISTED: f64 = 0.8;
 
+/// Rows of a [`Group`] after the gradients' nine.
+const PARAMETERS: usize = 9;
+const LAME: usize = 11;
+const DIRECTION: usize = 13;
+const KAPPA: usize = 16;
+const SQUARE: usize = 17;
+const ROWS: usize = 18;
+
 /// Four tetrahedra side by side. A place that holds none, or a dead one, has neither gradients nor stiffness.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 #[repr(C, align(32))]
 struct Group {
-    /// a_1, a_2, a_3 \[1/m\], an axis each.
-    gradient: [[[f64; 4]; 3]; 3],
-    /// Of [`Response::parameters`], and Lame's, times V \[J\].
-    parameters: [[f64; 4]; 2],
-    lame: [[f64; 4]; 2],
-    direction: [[f64; 4]; 3],
-    /// kappa V \[J\]
-    kappa: [f64; 4],
-    /// h² \[m²\]
-    square: [f64; 4],
-    /// 1 / (h sum_j |a_j|), j from 0 to 3: by how much of the threshold vertices may move until h |G| has grown by all of it.
-    calm: [f64; 4],
+    /// a_1, a_2, a_3 \[1/m\], an axis each; numbers of [`Response::parameters`] and Lame's, times V \[J\]; direction of the fibre and
+    /// kappa V \[J\]; h² \[m²\].
+    row: [[f64; 4]; ROWS],
     /// A corner each.
     node: [[u32; 4]; 4],
 }
 
-impl Default for Group {
-    fn default() -> Group {
-        Group {
-            gradient: Default::default(),
-            parameters: Default::default(),
-            lame: Default::default(),
-            direction: Default::default(),
-            kappa: Default::default(),
-            square: Default::default(),
-            calm: [f64::MAX; 4],
-            node: Default::default(),
-        }
-    }
-}
-
 impl Group {
-    fn rows(&mut self) -> impl Iterator<Item = &mut [f64; 4]> {
-        (self.gradient.as_flattened_mut().iter_mut())
-            .chain(&mut self.parameters)
-            .chain(&mut self.lame)
-            .chain(&mut self.direction)
-            .chain([&mut self.kappa, &mut self.square, &mut self.calm])
+    fn fill(&mut self, lane: usize, law: Law, shape: &Shape, material: &Hooke) {
+        let (v, size) = (shape.volume, size(shape));
+        let gradients = shape.gradient[1..].iter().flat_map(|a| [a.x, a.y, a.z]);
+        let parameters = super::kernel::parameters(law, material).map(|p| v * p);
+        let fibre = material.fibre.map_or([0.0; 4], |fibre| {
+            let a0 = fibre.direction;
+            [a0.x, a0.y, a0.z, v * fibre.kappa]
+        });
+        let numbers = gradients
+            .chain(parameters)
+            .chain([v * material.lambda, v * material.mu])
+            .chain(fibre)
+            .chain([size * size]);
+        for (row, number) in self.row.iter_mut().zip(numbers) {
+            row[lane] = number;
+        }
     }
 
-    /// Takes a lane of another.
+    /// Takes a lane of another. Places past the end have nodes that there are.
+    #[inline(always)]
     fn take(&mut self, lane: usize, from: &Group, other: usize) {
-        let rows = (from.gradient.as_flattened().iter())
-            .chain(&from.parameters)
-            .chain(&from.lame)
-            .chain(&from.direction)
-            .chain([&from.kappa, &from.square, &from.calm]);
-        for (row, from) in self.rows().zip(rows) {
-            row[lane] = from[other];
+        for k in 0..ROWS {
+            self.row[k][lane] = from.row[k][other];
         }
-        // Places past the end have nodes that there are.
-        for (node, from) in self.node.iter_mut().zip(&from.node) {
-            node[lane..].fill(from[other]);
+        for k in 0..4 {
+            self.node[k][lane..].fill(from.node[k][other]);
         }
     }
 
     fn clear(&mut self, lane: usize) {
-        self.rows().for_each(|row| row[lane] = 0.0);
-        self.calm[lane] = f64::MAX;
+        self.row.iter_mut().for_each(|row| row[lane] = 0.0);
+    }
+
+    #[inline(always)]
+    unsafe fn two<V: Four>(&self, row: usize) -> [V; 2] {
+        // SAFETY: the caller's.
+        unsafe { [V::load(&self.row[row]), V::load(&self.row[row + 1])] }
+    }
+
+    #[inline(always)]
+    unsafe fn three<V: Four>(&self, row: usize) -> [V; 3] {
+        // SAFETY: the caller's.
+        unsafe {
+            [
+                V::load(&self.row[row]),
+                V::load(&self.row[row + 1]),
+                V::load(&self.row[row + 2]),
+            ]
+        }
     }
 
     /// G, and a_1, a_2, a_3.
@@ -106,11 +112,7 @@ impl Group {
                 sub3(V::gather(u, self.node[2]), first),
                 sub3(V::gather(u, self.node[3]), first),
             ];
-            let a: Square<V> = [
-                load3(&self.gradient[0]),
-                load3(&self.gradient[1]),
-                load3(&self.gradient[2]),
-            ];
+            let a: Square<V> = [self.three(0), self.three(3), self.three(6)];
             let mut g = a;
             for k in 0..3 {
                 let (x, y, z) = (d[0][k], d[1][k], d[2][k]);
@@ -132,6 +134,9 @@ pub struct Blend {
     pub threshold: f64,
     has_fibre: bool,
     group: Vec<Group>,
+    /// A group each: 1 / (h sum_j |a_j|), j from 0 to 3: by how much of the threshold vertices may move until h |G| has grown by
+    /// all of it.
+    calm: Vec<[f64; 4]>,
     /// Of each tetrahedron of the mesh, four times its group and its lane; or [`NONE`].
     place: Vec<u32>,
 }
@@ -162,11 +167,14 @@ impl Blend {
         order.sort_by_key(|t| tetrahedra[*t as usize].iter().min().copied());
         let mut place = vec![NONE; tetrahedra.len()];
         let mut group = vec![Group::default(); order.len().div_ceil(4)];
+        let mut calm = vec![[f64::MAX; 4]; group.len()];
         for (k, t) in order.iter().enumerate() {
             place[*t as usize] = k as u32;
             let (own, lane) = (&mut group[k / 4], k % 4);
             if let Some((shape, material)) = of(*t as usize) {
                 own.fill(lane, law, shape, material);
+                let sum: f64 = shape.gradient.iter().map(|a| a.norm()).sum();
+                calm[k / 4][lane] = 1.0 / (size(shape) * sum);
             }
             // Places past the end have nodes that there are.
             for (to, node) in own.node.iter_mut().zip(tetrahedra[*t as usize]) {
@@ -177,8 +185,9 @@ impl Blend {
             law,
             rule,
             threshold,
-            has_fibre: group.iter().any(|g| g.kappa != [0.0; 4]),
+            has_fibre: group.iter().any(|g| g.row[KAPPA] != [0.0; 4]),
             group,
+            calm,
             place,
         }
     }
@@ -280,15 +289,15 @@ impl Blend {
             let third = V::splat(1.0 / 3.0);
             let half = V::splat(0.5);
             let inverse = V::splat(1.0 / (self.threshold * self.threshold));
-            let (mut energies, mut virials) = (zero, zero);
+            let mut sum = Excess::default();
             let mut reach = Reach::<V>::rest();
             for group in groups {
                 let (g, a) = group.deformation::<V>(u);
                 let point = Point::new(g);
-                let parameters = [V::load(&group.parameters[0]), V::load(&group.parameters[1])];
+                let parameters = group.two(PARAMETERS);
                 let (mut stress, mut energy) = R::respond(&point, parameters);
                 // Less the linear law's: its stress is symmetric.
-                let (lambda, mu) = (V::load(&group.lame[0]), V::load(&group.lame[1]));
+                let [lambda, mu] = group.two::<V>(LAME);
                 let pressure = lambda.mul(g[0][0].add(g[1][1]).add(g[2][2]));
                 let twice = mu.add(mu);
                 let mut xx = twice.mul_add(g[0][0], pressure);
@@ -298,7 +307,7 @@ impl Blend {
                 let mut zx = mu.mul(g[2][0].add(g[0][2]));
                 let mut xy = mu.mul(g[0][1].add(g[1][0]));
                 if FIBRE {
-                    let (a0, kappa) = (load3(&group.direction), V::load(&group.kappa));
+                    let (a0, kappa) = (group.three(DIRECTION), V::load(&group.row[KAPPA]));
                     point.add_fibre(a0, kappa, &mut stress, &mut energy);
                     let pull = two.mul(kappa).mul(dot(product(&g, a0), a0));
                     let drawn = [pull.mul(a0[0]), pull.mul(a0[1]), pull.mul(a0[2])];
@@ -319,6 +328,7 @@ impl Blend {
                 // By the share of it that counts.
                 let mut force: [[V; 3]; 4];
                 let active;
+                let mut virial = zero;
                 if VERTEX {
                     force = corner_forces(&stress, &a);
                     let mut share = zero;
@@ -329,13 +339,13 @@ impl Blend {
                         force[0] = moved.mul(force[0]);
                         force[1] = moved.mul(force[1]);
                         force[2] = moved.mul(force[2]);
-                        virials = virials.add(dot(*force, own));
+                        virial = virial.add(dot(*force, own));
                     }
-                    energies = V::splat(0.25).mul(share).mul_add(energy, energies);
+                    energy = V::splat(0.25).mul(share).mul(energy);
                     active = share.above(zero);
                 } else {
                     let square = dot(g[0], g[0]).add(dot(g[1], g[1])).add(dot(g[2], g[2]));
-                    let scale = V::load(&group.square).mul(inverse);
+                    let scale = V::load(&group.row[SQUARE]).mul(inverse);
                     let s = scale.mul(square).sub(one).mul(third).max(zero).min(one);
                     let weight = s.mul(s).mul(V::splat(3.0).sub(s.add(s)));
                     // dw/dx 2 h²/tau² (W_N - W_L)
@@ -345,9 +355,9 @@ impl Blend {
                         stress[row][0] = weight.mul_add(stress[row][0], slope.mul(g[row][0]));
                         stress[row][1] = weight.mul_add(stress[row][1], slope.mul(g[row][1]));
                         stress[row][2] = weight.mul_add(stress[row][2], slope.mul(g[row][2]));
-                        virials = virials.add(dot(stress[row], g[row]));
+                        virial = virial.add(dot(stress[row], g[row]));
                     }
-                    energies = weight.mul_add(energy, energies);
+                    energy = weight.mul(energy);
                     force = corner_forces(&stress, &a);
                     active = s.above(zero);
                 }
@@ -356,17 +366,25 @@ impl Blend {
                     active.mul(point.trace),
                     active.mul_add(point.volume_ratio.sub(one), one),
                 );
-                V::scatter(force[0], to, group.node[0]);
-                V::scatter(force[1], to, group.node[1]);
-                V::scatter(force[2], to, group.node[2]);
-                V::scatter(force[3], to, group.node[3]);
+                // One tetrahedron after the other, for the same reason: those that add nothing change no bit.
+                let rows = [
+                    V::transpose([force[0][0], force[0][1], force[0][2], zero]),
+                    V::transpose([force[1][0], force[1][1], force[1][2], zero]),
+                    V::transpose([force[2][0], force[2][1], force[2][2], zero]),
+                    V::transpose([force[3][0], force[3][1], force[3][2], zero]),
+                ];
+                let (energy, virial) = (energy.store(), virial.store());
+                for lane in 0..4 {
+                    for corner in 0..4 {
+                        let at = to.get_unchecked_mut(group.node[corner][lane] as usize);
+                        at.0 = V::load(&at.0).add(rows[corner][lane]).store();
+                    }
+                    sum.energy += energy[lane];
+                    sum.virial += virial[lane];
+                }
             }
-            let sum = |[a, b, c, d]: [f64; 4]| (a + b) + (c + d);
-            Excess {
-                energy: sum(energies.store()),
-                virial: sum(virials.store()),
-                extent: reach.extent(),
-            }
+            sum.extent = reach.extent();
+            sum
         }
     }
 
@@ -435,11 +453,11 @@ impl Blend {
                     most = most.max(dot(own, own).mul(inverse));
                 }
                 // Dead ones do not count.
-                return most.mul(V::load(&group.square).above(V::splat(0.0)));
+                return most.mul(V::load(&group.row[SQUARE]).above(V::splat(0.0)));
             }
             let (g, _) = group.deformation::<V>(u);
             let square = dot(g[0], g[0]).add(dot(g[1], g[1])).add(dot(g[2], g[2]));
-            V::load(&group.square).mul(inverse).mul(square)
+            V::load(&group.row[SQUARE]).mul(inverse).mul(square)
         }
     }
 
@@ -454,7 +472,7 @@ impl Blend {
                 // NaN is listed, and found out there.
                 if x < LISTED * LISTED {
                     let calm = match self.rule {
-                        Adaptive::Blend => group.calm[lane],
+                        Adaptive::Blend => self.calm[at][lane],
                         Adaptive::PerVertex => 1.0,
                     };
                     // sqrt x <= (x + b²) / 2b
@@ -503,32 +521,6 @@ unsafe fn corner_forces<V: Four>(stress: &Square<V>, a: &Square<V>) -> [[V; 3]; 
     }
 }
 
-impl Group {
-    fn fill(&mut self, lane: usize, law: Law, shape: &Shape, material: &Hooke) {
-        for (to, a) in self.gradient.iter_mut().zip(&shape.gradient[1..]) {
-            for axis in 0..3 {
-                to[axis][lane] = a[axis];
-            }
-        }
-        let v = shape.volume;
-        for (to, p) in (self.parameters.iter_mut()).zip(super::kernel::parameters(law, material)) {
-            to[lane] = v * p;
-        }
-        self.lame[0][lane] = v * material.lambda;
-        self.lame[1][lane] = v * material.mu;
-        if let Some(fibre) = &material.fibre {
-            for axis in 0..3 {
-                self.direction[axis][lane] = fibre.direction[axis];
-            }
-            self.kappa[lane] = v * fibre.kappa;
-        }
-        let size = size(shape);
-        self.square[lane] = size * size;
-        let sum: f64 = shape.gradient.iter().map(|a| a.norm()).sum();
-        self.calm[lane] = 1.0 / (size * sum);
-    }
-}
-
 /// h \[m\]: the edge of a regular tetrahedron of the same volume.
 pub fn size(shape: &Shape) -> f64 {
     (6.0 * std::f64::consts::SQRT_2 * shape.volume).cbrt()
@@ -544,8 +536,9 @@ pub struct Listed {
     /// u \[m\] when it was made, and how far any node may move from there; negative: nothing is known.
     seen: Vec<Lane>,
     calm: f64,
-    /// Of the live mesh.
+    /// Of the live mesh, and its threshold.
     revision: u64,
+    threshold: f64,
 }
 
 impl Listed {
@@ -556,6 +549,7 @@ impl Listed {
             seen: vec![Lane::default(); nodes],
             calm: -1.0,
             revision: 0,
+            threshold: blend.threshold,
         }
     }
 
@@ -564,26 +558,28 @@ impl Listed {
         4 * self.group.len()
     }
 
-    /// Nothing is known any more: what is listed shall not depend on the past.
+    /// Nothing is known any more.
     pub fn forget(&mut self) {
         self.calm = -1.0;
     }
 
     /// Lists anew if nodes may have moved too far since.
     pub fn refresh(&mut self, blend: &Blend, revision: u64, u: &[Lane]) {
-        if revision == self.revision && self.calm > 0.0 && self.moved(u) < self.calm {
+        let same = (revision, blend.threshold) == (self.revision, self.threshold);
+        if same && self.calm > 0.0 && self.moved(u) < self.calm {
             return;
         }
-        self.revision = revision;
+        (self.revision, self.threshold) = (revision, blend.threshold);
         self.seen.copy_from_slice(u);
         self.calm = blend.find(u, &mut self.found);
-        // Neighbours, which add to the same nodes, not side by side.
-        let quarter = self.found.len().div_ceil(4);
         self.group.clear();
-        self.group.resize(quarter, Group::default());
-        for (k, place) in self.found.iter().enumerate() {
-            let (from, other) = (*place as usize / 4, *place as usize % 4);
-            self.group[k % quarter].take(k / quarter, &blend.group[from], other);
+        for four in self.found.chunks(4) {
+            let mut own = Group::default();
+            for (lane, place) in four.iter().enumerate() {
+                let (from, other) = (*place as usize / 4, *place as usize % 4);
+                own.take(lane, &blend.group[from], other);
+            }
+            self.group.push(own);
         }
     }
 
