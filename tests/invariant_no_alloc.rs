@@ -35,6 +35,7 @@ fn a_step_allocates_nothing() {
     let venant = r#"{"model": {"elasticity": "stVenantKirchhoff", "element": "constantStrain"},"#;
     let hookean = r#"{"model": {"elasticity": "stableNeoHookean", "element": "constantStrain"},"#;
     let averaged = r#"{"model": {"elasticity": "stableNeoHookean"},"#;
+    let pressed = r#"{"model": {"elasticity": "stVenantKirchhoff", "element": "nodalPressure"},"#;
     let tearing = r#"{"tearing": {"criterion": "maximumElongation", "threshold": 0.052},"#;
     let torn = r#"{"model": {"kind": "springMass"}, "tearing": {"criterion": "maximumElongation", "threshold": 0.052},"#;
     for (scheme, model) in [
@@ -50,6 +51,7 @@ fn a_step_allocates_nothing() {
         ("implicitEuler", hybrid),
         ("symplecticEuler", venant),
         ("symplecticEuler", averaged),
+        ("symplecticEuler", pressed),
         ("rungeKutta4", hookean),
         ("symplecticEuler", tearing),
         ("rungeKutta4", torn),

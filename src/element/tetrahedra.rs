@@ -19,30 +19,30 @@ use crate::model::tensor_mass::Lane;
 /// Four tetrahedra side by side. A place that holds none, or a dead one, has neither gradients nor stiffness.
 #[derive(Clone, Debug, PartialEq)]
 #[repr(C, align(32))]
-struct Group {
+pub(super) struct Group {
     /// a_1, a_2, a_3 \[1/m\], an axis each.
-    gradient: [[[f64; 4]; 3]; 3],
+    pub gradient: [[[f64; 4]; 3]; 3],
     /// Of [`Response::parameters`], times V \[J\].
-    parameters: [[f64; 4]; 2],
+    pub parameters: [[f64; 4]; 2],
     /// A corner each.
-    node: [[u32; 4]; 4],
+    pub node: [[u32; 4]; 4],
 }
 
 #[derive(Clone, Debug, PartialEq)]
 #[repr(C, align(32))]
-struct Fibres {
-    direction: [[f64; 4]; 3],
+pub(super) struct Fibres {
+    pub direction: [[f64; 4]; 3],
     /// kappa V \[J\]
-    kappa: [f64; 4],
+    pub kappa: [f64; 4],
 }
 
 /// Live tetrahedra, each lane in the order of their lowest node.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tetrahedra {
     pub law: Law,
-    group: Vec<Group>,
+    pub(super) group: Vec<Group>,
     /// One a group, or none at all.
-    fibre: Vec<Fibres>,
+    pub(super) fibre: Vec<Fibres>,
     /// Of each tetrahedron of the mesh, four times its group and its lane; or [`NONE`].
     place: Vec<u32>,
 }
@@ -184,7 +184,7 @@ impl Tetrahedra {
         self.fibre.clone_from(&other.fibre);
     }
 
-    fn find(&self, t: usize) -> Option<(usize, usize)> {
+    pub(super) fn find(&self, t: usize) -> Option<(usize, usize)> {
         let place = self.place[t] as usize;
         (self.place[t] != NONE).then_some((place / 4, place % 4))
     }
@@ -255,17 +255,7 @@ impl Kernel for Tetrahedra {
                 }
                 sum = sum.add(energy);
                 reach.include(&point);
-                let force = [
-                    product(&stress, a[0]),
-                    product(&stress, a[1]),
-                    product(&stress, a[2]),
-                ];
-                let zero = [V::splat(0.0); 3];
-                let first = sub3(sub3(sub3(zero, force[0]), force[1]), force[2]);
-                V::scatter(first, to, group.node[0]);
-                V::scatter(force[0], to, group.node[1]);
-                V::scatter(force[1], to, group.node[2]);
-                V::scatter(force[2], to, group.node[3]);
+                group.add_forces(&stress, &a, to);
             }
             let [a, b, c, d] = sum.store();
             ((a + b) + (c + d), reach.extent())
@@ -276,7 +266,7 @@ impl Kernel for Tetrahedra {
 impl Group {
     /// Deformation, and a_1, a_2, a_3.
     #[inline(always)]
-    unsafe fn point<V: Four>(&self, u: &[Lane]) -> (Point<V>, Square<V>) {
+    pub unsafe fn point<V: Four>(&self, u: &[Lane]) -> (Point<V>, Square<V>) {
         // SAFETY: the caller's.
         unsafe {
             let first = V::gather(u, self.node[0]);
@@ -298,6 +288,25 @@ impl Group {
                 g[k][2] = x.mul_add(a[0][2], y.mul_add(a[1][2], z.mul(a[2][2])));
             }
             (Point::new(g), a)
+        }
+    }
+
+    /// Of P times V at these a_j.
+    #[inline(always)]
+    pub unsafe fn add_forces<V: Four>(&self, stress: &Square<V>, a: &Square<V>, to: &mut [Lane]) {
+        // SAFETY: the caller's.
+        unsafe {
+            let force = [
+                product(stress, a[0]),
+                product(stress, a[1]),
+                product(stress, a[2]),
+            ];
+            let zero = [V::splat(0.0); 3];
+            let first = sub3(sub3(sub3(zero, force[0]), force[1]), force[2]);
+            V::scatter(first, to, self.node[0]);
+            V::scatter(force[0], to, self.node[1]);
+            V::scatter(force[1], to, self.node[2]);
+            V::scatter(force[2], to, self.node[3]);
         }
     }
 }

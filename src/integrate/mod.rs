@@ -62,7 +62,7 @@ fn sweep(model: &Model, state: &mut State, work: &mut Workspace, by: &Advance) -
         inverse_mass: &state.inverse_mass[..moving],
         mass: &state.live.mass[..moving],
     };
-    let sums = state.live.sweep(model, &mut motion, by);
+    let sums = state.live.sweep(model, &mut motion, &mut work.points, by);
     let Workspace {
         loose,
         residual,

@@ -5,3 +5,4 @@ pub mod response;
 pub mod st_venant_kirchhoff;
 pub mod stable_neo_hookean;
 pub mod stiffening;
+pub mod swelling;

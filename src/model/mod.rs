@@ -460,8 +460,13 @@ impl Model {
                         spring_mass::largest_eigenvalue(law, shape.volume, &rest, *density)
                     }
                     _ => {
+                        // Means are below what they are taken of, and above where lambda is negative.
+                        let law = match self.element() {
+                            Element::NodalPressure if law.lambda < 0.0 => &law.without_lambda(),
+                            _ => law,
+                        };
                         let own = shape.largest_eigenvalue(law, *density);
-                        // Means are below what they are taken of; the hourglass term comes on top.
+                        // The hourglass term comes on top.
                         let hourglass = match self.is_averaged() {
                             true => self.scene.model.hourglass * law.mu,
                             false => 0.0,
@@ -492,15 +497,19 @@ impl Model {
             ModelKind::SpringMass => {
                 spring_mass::tetrahedron_force(law, shape.volume, &self.rest_positions(t), u)
             }
-            // Its energy is that of its vertices.
-            _ if self.is_averaged() => Default::default(),
             _ => match self.law() {
                 None => {
                     let force = shape.linear_force(law, u);
                     (force, std::array::from_fn(|k| 0.5 * u[k].dot(&force[k])))
                 }
                 Some(kind) => {
-                    let (force, energy) = tetrahedra::force(kind, law, shape, u);
+                    let law = match self.element() {
+                        Element::ConstantStrain => *law,
+                        // The rest is that of its vertices.
+                        Element::NodalPressure => law.without_lambda(),
+                        Element::NodalAveraged => return Default::default(),
+                    };
+                    let (force, energy) = tetrahedra::force(kind, &law, shape, u);
                     (force, [0.25 * energy; 4])
                 }
             },
@@ -522,6 +531,11 @@ impl Model {
             .iter()
             .map(|m| law.stiffening(&m.law, extent));
         each.fold(1.0, f64::max)
+    }
+
+    /// How vertices make its deformation gradients.
+    pub fn element(&self) -> Element {
+        self.scene.model.element_in_use()
     }
 
     /// Whether a vertex has one deformation gradient for all its tetrahedra.
@@ -667,7 +681,7 @@ fn law(scene: &Scene) -> Option<Law> {
 }
 
 fn is_averaged(scene: &Scene) -> bool {
-    law(scene).is_some() && scene.model.element != Some(Element::ConstantStrain)
+    law(scene).is_some() && scene.model.element_in_use() == Element::NodalAveraged
 }
 
 fn assign_materials(

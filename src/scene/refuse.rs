@@ -10,12 +10,9 @@ use super::types::*;
 pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     let model = &scene.model;
     let nonlinear = model.elasticity != Elasticity::Linear;
-    let element = model.element.unwrap_or(match nonlinear {
-        true => Element::NodalAveraged,
-        false => Element::ConstantStrain,
-    });
-    let pressed = element == Element::NodalPressure;
-    let averaged = element == Element::NodalAveraged;
+    let element = model.element_in_use();
+    // A vertex has what its tetrahedra share.
+    let shares = element != Element::ConstantStrain;
     let format = match &scene.mesh {
         MeshSource::File { file, .. } => extension(file),
         _ => "msh",
@@ -31,9 +28,8 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
         (model.adaptive != Adaptive::Blend, text("model.adaptive"), word(&model.adaptive), "use blend"),
         (model.nonlinear_threshold != 0.0, text("model.nonlinearThreshold"), text("a non-linear threshold"), "use 0"),
         (model.incompressibility != 0.0, text("model.incompressibility"), text("a volume penalty"), "use 0"),
-        (pressed, text("model.element"), word(&element), if nonlinear {"use nodalAveraged"} else {"use constantStrain"}),
-        (averaged && !nonlinear, text("model.element"), format!("{} with linear elasticity", word(&element)), "use constantStrain"),
-        (averaged && scene.cutting.rule == CutRule::Duplicate, text("cutting.rule"), format!("duplicate with {}", word(&element)), "use remove"),
+        (shares && !nonlinear, text("model.element"), format!("{} with linear elasticity", word(&element)), "use constantStrain"),
+        (shares && scene.cutting.rule == CutRule::Duplicate, text("cutting.rule"), format!("duplicate with {}", word(&element)), "use remove"),
         (!format.eq_ignore_ascii_case("msh"), text("mesh.file"), format!("the mesh format .{format}"), "use .msh"),
     ];
     for (i, tool) in scene.tools.iter().enumerate() {

@@ -345,6 +345,16 @@ pub struct ModelSettings {
     pub hourglass: f64,
 }
 
+impl ModelSettings {
+    /// The scene's, or what suits the law.
+    pub fn element_in_use(&self) -> Element {
+        self.element.unwrap_or(match self.elasticity {
+            Elasticity::Linear => Element::ConstantStrain,
+            Elasticity::StVenantKirchhoff | Elasticity::StableNeoHookean => Element::NodalAveraged,
+        })
+    }
+}
+
 impl Default for ModelSettings {
     fn default() -> Self {
         Self {

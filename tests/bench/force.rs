@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use tissue::element::kernel::Kernel;
 use tissue::element::nodal_averaged::NodalAveraged;
+use tissue::element::nodal_pressure::NodalPressure;
 use tissue::element::tetrahedra::Tetrahedra;
 use tissue::law::response::Law;
 use tissue::mesh::Vec3;
@@ -55,10 +56,18 @@ fn main() {
     };
     let averaged_venant = averaged(Law::StVenantKirchhoff);
     let averaged_hookean = averaged(Law::StableNeoHookean);
+    let pressed = |law| {
+        NodalPressure::new(law, &model.mesh.tetrahedra, |t| {
+            Some((&model.shape[t], &model.material(t).law, 0))
+        })
+    };
+    let pressed_venant = pressed(Law::StVenantKirchhoff);
+    let pressed_hookean = pressed(Law::StableNeoHookean);
+    let mut points = vec![0.0; pressed_venant.points()];
     let mut out = vec![Lane::default(); n];
     let mut linear = vec![Vec3::zeros(); n];
     let (mut a, b) = (vec![[1.0f64; 4]; 512], [1.000_000_1f64; 4]);
-    let mut times = vec![Vec::new(); 9];
+    let mut times = vec![Vec::new(); 12];
     for _ in 0..ROUNDS {
         let mut run = |k: usize, f: &mut dyn FnMut()| {
             let start = Instant::now();
@@ -101,6 +110,15 @@ fn main() {
         run(8, &mut || {
             black_box(averaged_hookean.add_forces(&u, &mut out));
         });
+        run(9, &mut || {
+            black_box(pressed_venant.add_forces(&u, &mut out, &mut points));
+        });
+        run(10, &mut || {
+            black_box(pressed_venant.add_forces_plain(&u, &mut out, &mut points));
+        });
+        run(11, &mut || {
+            black_box(pressed_hookean.add_forces(&u, &mut out, &mut points));
+        });
     }
     let names = [
         "calibration",
@@ -112,6 +130,9 @@ fn main() {
         "StVK nodal-averaged",
         "StVK nodal-averaged plain",
         "stable neo-Hookean nodal-averaged",
+        "StVK nodal-pressure",
+        "StVK nodal-pressure plain",
+        "stable neo-Hookean nodal-pressure",
     ];
     for (name, times) in names.iter().zip(&mut times) {
         times.sort_by(f64::total_cmp);
