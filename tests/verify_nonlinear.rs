@@ -346,15 +346,15 @@ fn a_bar_in_closed_form() {
     }
 }
 
+/// A bar goes on softer at its free end.
+const SOFTER: &str = r#""density": 1000}, {"where": {"halfSpace": {"point": [0.075, 0, 0], "normal": [1, 0, 0]}},
+    "youngModulus": 30000, "poissonRatio": 0.3, "density": 1000}],"#;
+
 /// Press, grasp, pull, cut off, drop: with the account open.
 #[test]
 fn all_that_is_done_to_tissue() {
     for law in ["stVenantKirchhoff", "stableNeoHookean"] {
-        for (scheme, bound) in [
-            ("symplecticEuler", 5e-3),
-            ("centralDifference", 5e-3),
-            ("rungeKutta4", 0.05),
-        ] {
+        for scheme in ["symplecticEuler", "centralDifference", "rungeKutta4"] {
             for (rule, element) in [
                 ("remove", "constantStrain"),
                 ("duplicate", "constantStrain"),
@@ -369,7 +369,8 @@ fn all_that_is_done_to_tissue() {
                                     {{"time": 0.95, "where": {{"box": {{"min": [0.069, 0, 0], "max": [0.078, 1, 1]}}}}}}],"#
                     ),
                 )
-                .replacen("constantStrain", element, 1);
+                .replacen("constantStrain", element, 1)
+                .replacen(r#""density": 1000}],"#, SOFTER, 1);
                 let mut s = common::simulation(&text);
                 let (mut scale, mut worst) = (0.0f64, 0.0f64);
                 for k in 0..1200 {
@@ -389,7 +390,7 @@ fn all_that_is_done_to_tissue() {
                     s.state().live.removed.len(),
                     s.pieces()
                 );
-                assert!(worst < bound * scale);
+                assert!(worst < 1e-5 * scale);
                 assert!(s.pieces() > 1);
                 fresh_elements_are_the_same(s.model(), &s);
             }
@@ -407,7 +408,8 @@ fn fresh_elements_are_the_same(model: &Model, s: &tissue::simulation::Simulation
     let mut other = one.clone();
     let mut points = vec![0.0; elements.points()];
     let (energy, _) = elements.add_forces(u, &mut one, &mut points);
-    let numbered = |t: usize| left(t).map(|(shape, law)| (shape, law, 0));
+    let numbered =
+        |t: usize| left(t).map(|(shape, law)| (shape, law, model.material_index(t) as u32));
     let (fresh, _) = match elements {
         Elements::ConstantStrain(_) => {
             Tetrahedra::new(elements.law(), &live.tetrahedra, left).add_forces(u, &mut other)
@@ -562,8 +564,8 @@ fn forces_follow(
     assert!((energy / energy_of(u) - 1.0).abs() < 1e-12);
     let (mut sum, mut moment) = (Vec3::zeros(), Vec3::zeros());
     for i in 0..u.len() {
-        assert!((fast[i].xyz() - plain[i].xyz()).norm() < 1e-12 * scale);
-        assert!((fast[i].xyz() - single(i)).norm() < 1e-12 * scale);
+        assert!((fast[i].xyz() - plain[i].xyz()).norm() < 1e-13 * scale);
+        assert!((fast[i].xyz() - single(i)).norm() < 1e-13 * scale);
         sum += fast[i].xyz();
         moment += (bar.nodes[i] + u[i].xyz()).cross(&fast[i].xyz());
     }

@@ -51,7 +51,7 @@ impl Elements {
         }
     }
 
-    /// Gives a tetrahedron other nodes. Not where vertices have points.
+    /// Gives a tetrahedron other nodes, which none has where vertices have points.
     pub(crate) fn rename(&mut self, t: usize, nodes: &[u32; 4]) {
         self.tetrahedra_mut().rename(t, nodes);
     }
