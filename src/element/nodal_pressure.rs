@@ -4,11 +4,11 @@
 //!
 //! s_p = sum_t (V_t/4) theta(F_t) over the tetrahedra of the vertex  \[m³\],  V_p = sum_t V_t/4
 //! W = sum_t V_t psi(F_t) at lambda = 0 + sum_p lambda/(2 V_p) s_p²
-//! dW/du_j = sum_t \[V_t P(F_t) at lambda = 0 + (V_t/4) (sum of the pressures lambda/V_p s_p of its points) dtheta/dF_t\] a_j
+//! dW/du_j = sum_t \[V_t P(F_t) at lambda = 0 + (V_t/4) (sum over its points of lambda/V_p s_p) dtheta/dF_t\] a_j
 //!
-//! The mean of a square is no less than the square of the mean, so that no state has more energy than with constant strain
-//! (lambda > 0). What is left at lambda = 0 is mu eps:eps at small strain, so that no mode comes free. (After Bonet and
-//! Burton 1998 and Joldes, Wittek and Miller 2009, from an energy.)
+//! lambda/V_p s_p is a pressure \[Pa\]. The mean of squares is no less than the square of the mean, so that no state has
+//! more energy than with constant strain (lambda >= 0). What is left at lambda = 0 is mu eps:eps at small strain, so that
+//! no mode comes free. (After Bonet and Burton 1998 and Joldes, Wittek and Miller 2009, from an energy.)
 //!
 //! Tissue of several materials averages each over its own tetrahedra: a vertex has a point for each.
 
@@ -46,7 +46,7 @@ pub struct NodalPressure {
     node: Vec<u32>,
     material: Vec<Hooke>,
     stiffness: Vec<f64>,
-    /// Its tetrahedra, by their places in the groups, are `place[start[p]..start[p + 1]]`, those that are dead among them.
+    /// Its tetrahedra, dead ones among them, by their places in the groups: `place[start[p]..start[p + 1]]`.
     start: Vec<u32>,
     place: Vec<u32>,
 }
