@@ -98,7 +98,7 @@ pub fn event(
     state.account.dissipated -= loose.gained(model, state, before, &scratch.search.changed);
 }
 
-/// Brings forces up to date after removals, those from the `first` on, and books what averaged elements lose. Nodes
+/// Brings forces up to date after removals, those from the `first` on, and books what points of elements lose. Nodes
 /// of which nothing is left are at rest and let go.
 fn settle(model: &Model, state: &mut State, first: usize, nodes: &mut Vec<u32>) {
     nodes.clear();

@@ -73,6 +73,7 @@ pub struct Scratch {
     velocity: Vec<Lane>,
     residual: Vec<Lane>,
     partial: Vec<Lane>,
+    points: Vec<f64>,
     loose: loose::Scratch,
 }
 
@@ -84,6 +85,7 @@ impl Scratch {
             velocity: zeros.clone(),
             residual: zeros.clone(),
             partial: zeros,
+            points: vec![0.0; model.whole.points()],
             loose: loose::Scratch::new(model),
         }
     }
@@ -132,6 +134,7 @@ pub fn evaluate(model: &Model, state: &State, scratch: &mut Scratch) -> Energy {
             mass: &state.live.mass[..moving],
             listed: None,
         },
+        &mut scratch.points,
         &Advance::symplectic_euler(0.0, 0.0, state.parameters.damping),
     );
     let mut lagging = sums.lagging;

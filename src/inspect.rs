@@ -268,6 +268,7 @@ fn sweeping(model: &Model) -> impl FnMut() + '_ {
     let (mut displacement, mut velocity, mut residual, mut partial) =
         (zeros(), zeros(), zeros(), zeros());
     let (external, inverse_mass) = (zeros(), zeros());
+    let mut points = vec![0.0; model.whole.points()];
     let mut coupling = Coupling::new(model);
     move || {
         coupling.solve(model, &displacement);
@@ -284,6 +285,7 @@ fn sweeping(model: &Model) -> impl FnMut() + '_ {
         model.whole.sweep(
             model,
             &mut motion,
+            &mut points,
             &Advance::symplectic_euler(1e-3, 1e-3, 1.0),
         );
     }

@@ -5,6 +5,7 @@ use nalgebra::Matrix3;
 use crate::element::Elements;
 use crate::element::blend::Blend;
 use crate::element::nodal_averaged::NodalAveraged;
+use crate::element::nodal_pressure::NodalPressure;
 use crate::element::polynomial::{self, Polynomial};
 use crate::element::tetrahedra::{self, Extent, Tetrahedra};
 use crate::law::linear::Hooke;
@@ -17,7 +18,7 @@ use crate::model::sweep::{Advance, Motion, Sums, sweep};
 use crate::model::tensor_mass::{Lane, Pattern, Tensors};
 use crate::model::{Model, element_sweep, spring_sweep};
 use crate::pieces::{Pieces, Search, Tissue};
-use crate::scene::{CutMass, Form, Mass, ModelKind};
+use crate::scene::{CutMass, Element, Form, Mass, ModelKind};
 
 /// Everything that a cut changes. A pure function of the model and of the list of removals in their
 /// order, to the bit: that list is what a saved state holds.
@@ -88,26 +89,28 @@ impl LiveMesh {
         });
         let uniform = model.law().filter(|_| !model.is_adaptive());
         let mut elements = uniform.map(|law| {
-            let moves = |t: &usize| model.parts.dynamic[*t];
-            let tissue = |t: usize| {
-                let t = Some(t).filter(moves)?;
-                Some((&model.shape[t], &model.material(t).law))
-            };
-            let each = Tetrahedra::new(law, &model.mesh.tetrahedra, tissue);
-            if model.scene.model.form == Form::Polynomial {
-                let own = Polynomial::new(&model.mesh.tetrahedra, tissue);
-                return Elements::Polynomial(Box::new(own), each);
-            }
-            if !model.is_averaged() {
-                return Elements::ConstantStrain(each);
-            }
-            let hourglass = model.scene.model.hourglass;
-            let own = NodalAveraged::new(law, hourglass, &model.mesh.tetrahedra, |t| {
-                let t = Some(t).filter(moves)?;
+            let all = &model.mesh.tetrahedra;
+            let of = |t: usize| {
+                let t = Some(t).filter(|t| model.parts.dynamic[*t])?;
                 let number = model.material_number(t);
                 Some((&model.shape[t], &model.material(t).law, number))
-            });
-            Elements::NodalAveraged(Box::new(own), each)
+            };
+            let each = || Tetrahedra::new(law, all, |t| of(t).map(|(shape, m, _)| (shape, m)));
+            let form = model.scene.model.form;
+            match model.element() {
+                Element::ConstantStrain if form == Form::Polynomial => {
+                    let own = Polynomial::new(all, |t| of(t).map(|(shape, m, _)| (shape, m)));
+                    Elements::Polynomial(Box::new(own), each())
+                }
+                Element::ConstantStrain => Elements::ConstantStrain(each()),
+                Element::NodalPressure => {
+                    Elements::NodalPressure(Box::new(NodalPressure::new(law, all, of)))
+                }
+                Element::NodalAveraged => {
+                    let own = NodalAveraged::new(law, model.scene.model.hourglass, all, of);
+                    Elements::NodalAveraged(Box::new(own), each())
+                }
+            }
         });
         if let Some(elements) = &mut elements {
             elements.set_penalty(model.penalty());
@@ -244,11 +247,11 @@ impl LiveMesh {
         }
     }
 
-    /// Tensors of the elements at rest, as a linear law; averaged ones reach further than edges.
+    /// Tensors of the elements at rest, as a linear law; those with points reach further than edges.
     pub fn tangent_at_rest(&self, model: &Model) -> (Pattern, Tensors) {
         let pattern = self.pattern(model);
-        if let Some(Elements::NodalAveraged(own, _)) = &self.elements {
-            let entries = own.tangent(&vec![Lane::default(); pattern.nodes()]);
+        let at_rest = |e: &Elements| e.tangent(&vec![Lane::default(); pattern.nodes()]);
+        if let Some(entries) = self.elements.as_ref().and_then(at_rest) {
             return Tensors::assemble(pattern.nodes(), &entries);
         }
         let mut tensors = Tensors::zeros(pattern);
@@ -273,15 +276,26 @@ impl LiveMesh {
         sums
     }
 
-    /// One substep of the moving nodes.
-    pub fn sweep(&self, model: &Model, motion: &mut Motion, by: &Advance) -> Sums {
+    /// Numbers that a sweep needs room for.
+    pub fn points(&self) -> usize {
+        self.elements.as_ref().map_or(0, Elements::points)
+    }
+
+    /// One substep of the moving nodes. `points` is scratch.
+    pub fn sweep(
+        &self,
+        model: &Model,
+        motion: &mut Motion,
+        points: &mut [f64],
+        by: &Advance,
+    ) -> Sums {
         let pattern = self.pattern(model);
         match (&self.springs, &self.elements) {
             (Some(springs), _) => spring_sweep::sweep(springs, motion, by),
             _ if self.blend.is_some() => self.adaptive_sweep(pattern, motion, by),
             (_, Some(elements)) => {
                 let used = pattern.first..model.parts.connected_from();
-                element_sweep::sweep(elements, used, motion, by)
+                element_sweep::sweep(elements, used, motion, points, by)
             }
             _ => sweep(pattern, &self.tensors, motion, by),
         }
@@ -294,6 +308,7 @@ impl LiveMesh {
             (_, Some(Elements::ConstantStrain(own) | Elements::Polynomial(_, own))) => {
                 self.star_force(model, own.law, i, u)
             }
+            (_, Some(Elements::NodalPressure(own))) => own.node_force(i, u),
             (_, Some(Elements::NodalAveraged(own, _))) => own.node_force(i, u),
             _ => {
                 let linear = self.tensors.row_product(self.pattern(model), i, u);
@@ -496,10 +511,9 @@ impl LiveMesh {
         for (t, corners) in &self.dirty {
             if let Some(elements) = &mut self.elements {
                 let t = *t as usize;
-                let each = elements.tetrahedra_mut();
-                each.rename(t, &self.tetrahedra[t]);
+                elements.rename(t, &self.tetrahedra[t]);
                 if !self.alive[t] {
-                    each.remove(t);
+                    elements.remove(t);
                 }
             }
             if let Some(blend) = &mut self.blend {
@@ -600,25 +614,28 @@ impl LiveMesh {
         }
     }
 
-    /// W \[J\] and the power of its forces \[W\] at these nodes: of averaged elements, where a tetrahedron has none of
-    /// its own.
+    /// What the points of elements at these nodes have of W \[J\], and the power of their forces \[W\]: no tetrahedron
+    /// has that of its own.
     pub(crate) fn share(&self, nodes: &[u32], u: &[Lane], v: &[Lane]) -> (f64, f64) {
         let mut sum = (0.0, 0.0);
-        if let Some(Elements::NodalAveraged(own, _)) = &self.elements {
+        if let Some(elements) = &self.elements {
             for node in nodes {
-                let (energy, power) = own.share(*node, u, v);
+                let (energy, power) = elements.share(*node, u, v);
                 sum = (sum.0 + energy, sum.1 + power);
             }
         }
         sum
     }
 
-    /// The points of averaged elements at a node.
+    /// The points of elements at a node.
     fn sum_points(&mut self, model: &Model, node: u32) {
-        let Some(Elements::NodalAveraged(mut own, each)) = self.elements.take() else {
-            return;
+        let origin = self.origin(node) as usize;
+        let own = match &mut self.elements {
+            None | Some(Elements::ConstantStrain(_) | Elements::Polynomial(..)) => return,
+            Some(Elements::NodalPressure(own)) => return own.sum_again(node),
+            Some(Elements::NodalAveraged(own, _)) => own,
         };
-        let star = model.topology.star(self.origin(node) as usize).iter();
+        let star = model.topology.star(origin).iter();
         let left = star.filter(|t| self.alive[**t as usize] && model.parts.dynamic[**t as usize]);
         let tissue = left.map(|t| {
             let t = *t as usize;
@@ -629,14 +646,11 @@ impl LiveMesh {
             )
         });
         own.sum_again(node, model.scene.model.hourglass, tissue);
-        self.elements = Some(Elements::NodalAveraged(own, each));
     }
 
     /// The tensor of a node, of those of its edges; its mass.
     fn sum_node(&mut self, model: &Model, node: usize) {
-        if model.is_averaged() {
-            self.sum_points(model, node as u32);
-        }
+        self.sum_points(model, node as u32);
         if !self.is_objective() {
             let pattern = self.pattern.as_deref().unwrap_or(&model.pattern);
             self.tensors.close(pattern, node);

@@ -5,8 +5,6 @@
 
 use nalgebra::Matrix3;
 
-use crate::element::kernel::Kernel;
-use crate::element::nodal_averaged::NodalAveraged;
 use crate::element::{Elements, blend, tetrahedra};
 use crate::law::response::Law;
 use crate::live::LiveMesh;
@@ -60,11 +58,11 @@ fn evaluate(model: &Model, live: &LiveMesh, u: &[Vec3]) -> At {
         energy: 0.0,
         least: f64::INFINITY,
     };
-    let averaged = averaged(live);
-    if let Some(elements) = averaged {
-        let lanes = lanes(u);
+    let with_points = with_points(live);
+    if let Some(elements) = with_points {
         let mut forces = vec![Lane::default(); u.len()];
-        at.energy = elements.add_forces(&lanes, &mut forces).0;
+        let mut points = vec![0.0; elements.points()];
+        at.energy = elements.add_forces(&lanes(u), &mut forces, &mut points).0;
         for (to, force) in at.internal.iter_mut().zip(&forces) {
             *to = force.xyz();
         }
@@ -76,7 +74,7 @@ fn evaluate(model: &Model, live: &LiveMesh, u: &[Vec3]) -> At {
         let (shape, material) = (&model.shape[t], &live.material(model, t));
         let own = nodes.map(|v| u[v as usize]);
         at.least = at.least.min(shape.deformation_gradient(&own).determinant());
-        if averaged.is_some() && model.parts.dynamic[t] {
+        if with_points.is_some() && model.parts.dynamic[t] {
             continue;
         }
         let (force, energy) = match law_of(model, t) {
@@ -102,11 +100,10 @@ fn evaluate(model: &Model, live: &LiveMesh, u: &[Vec3]) -> At {
     at
 }
 
-fn averaged(live: &LiveMesh) -> Option<&NodalAveraged> {
-    match &live.elements {
-        Some(Elements::NodalAveraged(own, _)) => Some(own),
-        _ => None,
-    }
+/// Elements of which no tetrahedron stands alone.
+fn with_points(live: &LiveMesh) -> Option<&Elements> {
+    let alone = |e: &&Elements| matches!(e, Elements::ConstantStrain(_));
+    live.elements.as_ref().filter(|e| !alone(e))
 }
 
 fn lanes(u: &[Vec3]) -> Vec<Lane> {
@@ -115,10 +112,11 @@ fn lanes(u: &[Vec3]) -> Vec<Lane> {
 
 /// K_jk in parts, each pair once.
 fn tangent(model: &Model, live: &LiveMesh, u: &[Vec3]) -> Vec<(usize, usize, Matrix3<f64>)> {
-    let averaged = averaged(live);
-    let mut entries = averaged.map_or_else(Vec::new, |elements| elements.tangent(&lanes(u)));
+    let with_points = (live.elements.as_ref()).and_then(|elements| elements.tangent(&lanes(u)));
+    let has_points = with_points.is_some();
+    let mut entries = with_points.unwrap_or_default();
     for (t, nodes) in live.tetrahedra.iter().enumerate() {
-        if !live.alive[t] || (averaged.is_some() && model.parts.dynamic[t]) {
+        if !live.alive[t] || (has_points && model.parts.dynamic[t]) {
             continue;
         }
         let (shape, material) = (&model.shape[t], &live.material(model, t));

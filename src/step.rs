@@ -75,6 +75,8 @@ pub enum StepError {
 pub struct Workspace {
     pub(crate) residual: Vec<Lane>,
     pub(crate) partial: Vec<Lane>,
+    /// A point of the elements each.
+    pub(crate) points: Vec<f64>,
     touched: Vec<(u32, [u32; 3])>,
     pub(crate) cut: cut::Scratch,
     burn: burn::Scratch,
@@ -114,6 +116,7 @@ impl Workspace {
         Workspace {
             residual: vec![Lane::default(); nodes],
             partial: vec![Lane::default(); nodes],
+            points: vec![0.0; model.whole.points()],
             touched: Vec::with_capacity(model.topology.faces.len().min(4096)),
             cut: cut::Scratch::new(model),
             burn: burn::Scratch::new(model),

@@ -221,7 +221,7 @@ fn each_mistake_has_its_line() {
         ("/model/interfaceMass", r#""guyan""#, r#"model.interfaceMass: belongs to another kind of model; must stand beside "kind": "hybrid""#),
         ("/model/touchable", r#"{"all": true}"#, r#"model.touchable: belongs to another kind of model; must stand beside "kind": "hybrid" or "quasiStatic""#),
         ("/model/kind", r#""springMass""#, "start: equilibrium with springMass is not available in this version; use rest"),
-        ("/model", r#"{"elasticity": "stVenantKirchhoff", "element": "nodalPressure"}"#, "model.element: nodalPressure is not available in this version; use nodalAveraged"),
+        ("/model/element", r#""nodalPressure""#, "model.element: nodalPressure with linear elasticity is not available in this version; use constantStrain"),
         ("/model", r#"{"elasticity": "stVenantKirchhoff", "kind": "springMass"}"#, "model.elasticity: springMass has a law of its own; must be linear"),
         ("/model", r#"{"elasticity": "stVenantKirchhoff", "kind": "quasiStatic"}"#, "model.elasticity: what is pre-computed is linear; quasiStatic must have linear"),
         ("/model/form", r#""polynomial""#, "model.form: polynomial needs stVenantKirchhoff; must be perTetrahedron with linear"),

@@ -36,6 +36,7 @@ fn a_step_allocates_nothing() {
     let hookean = r#"{"model": {"elasticity": "stableNeoHookean", "element": "constantStrain"},"#;
     let averaged = r#"{"model": {"elasticity": "stableNeoHookean"},"#;
     let polynomial = r#"{"model": {"elasticity": "stVenantKirchhoff", "form": "polynomial"},"#;
+    let pressed = r#"{"model": {"elasticity": "stVenantKirchhoff", "element": "nodalPressure"},"#;
     let tearing = r#"{"tearing": {"criterion": "maximumElongation", "threshold": 0.052},"#;
     let torn = r#"{"model": {"kind": "springMass"}, "tearing": {"criterion": "maximumElongation", "threshold": 0.052},"#;
     for (scheme, model) in [
@@ -52,6 +53,7 @@ fn a_step_allocates_nothing() {
         ("symplecticEuler", venant),
         ("symplecticEuler", averaged),
         ("symplecticEuler", polynomial),
+        ("symplecticEuler", pressed),
         ("rungeKutta4", hookean),
         ("symplecticEuler", tearing),
         ("rungeKutta4", torn),

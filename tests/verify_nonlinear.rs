@@ -9,6 +9,7 @@ use tissue::element::Elements;
 use tissue::element::constant_strain::Shape;
 use tissue::element::kernel::Kernel;
 use tissue::element::nodal_averaged::NodalAveraged;
+use tissue::element::nodal_pressure::NodalPressure;
 use tissue::element::polynomial::Polynomial;
 use tissue::element::tetrahedra::{Tetrahedra, force};
 use tissue::law::linear::Hooke;
@@ -16,7 +17,13 @@ use tissue::law::response::Law;
 use tissue::mesh::Vec3;
 use tissue::model::Model;
 use tissue::model::tensor_mass::Lane;
+use tissue::scene::Element;
 
+const ELEMENTS: [Element; 3] = [
+    Element::ConstantStrain,
+    Element::NodalPressure,
+    Element::NodalAveraged,
+];
 const LAWS: [Law; 2] = [Law::StVenantKirchhoff, Law::StableNeoHookean];
 
 /// Of a bar of two materials, one with fibres, and an odd number of tetrahedra.
@@ -67,18 +74,21 @@ impl Bar {
     }
 
     fn averaged(&self, law: Law) -> NodalAveraged {
-        let mut made = NodalAveraged::new(law, 0.3, &self.tetrahedra, |t| {
-            let number = self.material[..t]
-                .iter()
-                .position(|m| *m == self.material[t]);
-            Some((
-                &self.shape[t],
-                &self.material[t],
-                number.unwrap_or(t) as u32,
-            ))
-        });
+        let mut made = NodalAveraged::new(law, 0.3, &self.tetrahedra, |t| Some(self.numbered(t)));
         made.penalty = self.penalty;
         made
+    }
+
+    fn pressed(&self, law: Law) -> NodalPressure {
+        let mut made = NodalPressure::new(law, &self.tetrahedra, |t| Some(self.numbered(t)));
+        made.each.penalty = self.penalty;
+        made
+    }
+
+    fn numbered(&self, t: usize) -> (&Shape, &Hooke, u32) {
+        let own = &self.material[t];
+        let number = self.material[..t].iter().position(|m| m == own);
+        (&self.shape[t], own, number.unwrap_or(t) as u32)
     }
 
     /// A smooth field and noise of a share of the cells.
@@ -214,11 +224,16 @@ fn rotations_give_no_force_and_momentum_is_balanced() {
 }
 
 /// Second derivatives of the energy, dense.
-fn tangent(bar: &Bar, law: Law, averaged: bool, u: &[Lane]) -> DMatrix<f64> {
+fn tangent(bar: &Bar, law: Law, element: Element, u: &[Lane]) -> DMatrix<f64> {
     let n = 3 * u.len();
     let mut k = DMatrix::zeros(n, n);
-    if averaged {
-        for (i, j, block) in bar.averaged(law).tangent(u) {
+    let parts = match element {
+        Element::ConstantStrain => Vec::new(),
+        Element::NodalPressure => bar.pressed(law).tangent(u),
+        Element::NodalAveraged => bar.averaged(law).tangent(u),
+    };
+    if element != Element::ConstantStrain {
+        for (i, j, block) in parts {
             for (row, column) in (0..9).map(|at| (at / 3, at % 3)) {
                 k[(3 * i + row, 3 * j + column)] += block[(row, column)];
                 if i != j {
@@ -248,7 +263,7 @@ fn tangent(bar: &Bar, law: Law, averaged: bool, u: &[Lane]) -> DMatrix<f64> {
 }
 
 /// sqrt of the largest eigenvalue of M^-1 K.
-fn highest(bar: &Bar, law: Law, averaged: bool, u: &[Lane]) -> f64 {
+fn highest(bar: &Bar, law: Law, element: Element, u: &[Lane]) -> f64 {
     let mut mass = DVector::zeros(3 * u.len());
     for (t, nodes) in bar.tetrahedra.iter().enumerate() {
         for v in nodes {
@@ -258,7 +273,7 @@ fn highest(bar: &Bar, law: Law, averaged: bool, u: &[Lane]) -> f64 {
         }
     }
     let scale = mass.map(|m: f64| if m > 0.0 { m.powf(-0.5) } else { 0.0 });
-    let mut k = tangent(bar, law, averaged, u);
+    let mut k = tangent(bar, law, element, u);
     for row in 0..k.nrows() {
         for column in 0..k.ncols() {
             k[(row, column)] *= scale[row] * scale[column];
@@ -270,15 +285,19 @@ fn highest(bar: &Bar, law: Law, averaged: bool, u: &[Lane]) -> f64 {
 #[test]
 fn stiffening_is_foreseen() {
     for (law, penalty) in cases() {
-        for (fibres, averaged) in [(false, false), (true, false), (false, true), (true, true)] {
+        for (fibres, element) in [false, true]
+            .into_iter()
+            .flat_map(|f| ELEMENTS.map(|e| (f, e)))
+            .filter(|(fibres, _)| penalty == 0.0 || *fibres)
+        {
             let bar = Bar::new(fibres, penalty);
             let elements = bar.elements(law);
             let still = vec![Lane::default(); bar.nodes.len()];
-            let rest = highest(&bar, law, averaged, &still);
-            if averaged {
-                let ratio = highest(&bar, law, false, &still) / rest;
-                println!("{law:?}: averaged elements take substeps {ratio:.2} times as long");
-            }
+            let rest = highest(&bar, law, element, &still);
+            let ratio = highest(&bar, law, Element::ConstantStrain, &still) / rest;
+            println!("{law:?}: {element:?} takes substeps {ratio:.2} times as long");
+            // Means are no stiffer than what they are taken of; the hourglass term comes on top.
+            assert!(ratio > 1.0 - 1e-9);
             for stretch in [
                 Vec3::new(1.0, 1.0, 1.0),
                 Vec3::new(1.3, 0.9, 0.9),
@@ -295,9 +314,9 @@ fn stiffening_is_foreseen() {
                         .map(|m| law.stiffening(m, m, &extent))
                         .fold(1.0, f64::max)
                         .sqrt();
-                    let truth = highest(&bar, law, averaged, &u) / rest;
+                    let truth = highest(&bar, law, element, &u) / rest;
                     println!(
-                        "{law:?} {penalty:e} averaged {averaged} {stretch:?} {size}: {truth:.3} bound {bound:.3} {extent:?}"
+                        "{law:?} {penalty:e} {element:?} {stretch:?} {size}: {truth:.3} bound {bound:.3} {extent:?}"
                     );
                     assert!(truth < bound * 1.001);
                 }
@@ -343,18 +362,19 @@ fn a_bar_in_closed_form() {
     }
 }
 
+/// A bar goes on softer at its free end.
+const SOFTER: &str = r#""density": 1000}, {"where": {"halfSpace": {"point": [0.075, 0, 0], "normal": [1, 0, 0]}},
+    "youngModulus": 30000, "poissonRatio": 0.3, "density": 1000}],"#;
+
 /// Press, grasp, pull, cut off, drop: with the account open.
 #[test]
 fn all_that_is_done_to_tissue() {
     for law in ["stVenantKirchhoff", "stableNeoHookean"] {
-        for (scheme, bound) in [
-            ("symplecticEuler", 5e-3),
-            ("centralDifference", 5e-3),
-            ("rungeKutta4", 0.05),
-        ] {
+        for scheme in ["symplecticEuler", "centralDifference", "rungeKutta4"] {
             for (rule, element) in [
                 ("remove", "constantStrain"),
                 ("duplicate", "constantStrain"),
+                ("remove", "nodalPressure"),
                 ("remove", "nodalAveraged"),
             ] {
                 let text = bar_scene(
@@ -365,7 +385,8 @@ fn all_that_is_done_to_tissue() {
                                     {{"time": 0.95, "where": {{"box": {{"min": [0.069, 0, 0], "max": [0.078, 1, 1]}}}}}}],"#
                     ),
                 )
-                .replacen("constantStrain", element, 1);
+                .replacen("constantStrain", element, 1)
+                .replacen(r#""density": 1000}],"#, SOFTER, 1);
                 let mut s = common::simulation(&text);
                 let (mut scale, mut worst) = (0.0f64, 0.0f64);
                 for k in 0..1200 {
@@ -385,7 +406,7 @@ fn all_that_is_done_to_tissue() {
                     s.state().live.removed.len(),
                     s.pieces()
                 );
-                assert!(worst < bound * scale);
+                assert!(worst < 1e-5 * scale);
                 assert!(s.pieces() > 1);
                 fresh_elements_are_the_same(s.model(), &s);
             }
@@ -451,14 +472,21 @@ fn fresh_elements_are_the_same(model: &Model, s: &tissue::simulation::Simulation
     let u = &s.state().displacement;
     let mut one = vec![Lane::default(); u.len()];
     let mut other = one.clone();
-    let (energy, _) = elements.add_forces(u, &mut one);
+    let mut points = vec![0.0; elements.points()];
+    let (energy, _) = elements.add_forces(u, &mut one, &mut points);
+    let numbered =
+        |t: usize| left(t).map(|(shape, law)| (shape, law, model.material_index(t) as u32));
     let (fresh, _) = match elements {
         Elements::ConstantStrain(_) => {
             Tetrahedra::new(elements.law(), &live.tetrahedra, left).add_forces(u, &mut other)
         }
+        Elements::NodalPressure(_) => {
+            let fresh = NodalPressure::new(elements.law(), &live.tetrahedra, numbered);
+            let mut points = vec![f64::NAN; fresh.points()];
+            fresh.add_forces(u, &mut other, &mut points)
+        }
         Elements::NodalAveraged(..) => {
-            let left = |t: usize| left(t).map(|(shape, law)| (shape, law, 0));
-            NodalAveraged::new(elements.law(), 0.3, &live.tetrahedra, left)
+            NodalAveraged::new(elements.law(), 0.3, &live.tetrahedra, numbered)
                 .add_forces(u, &mut other)
         }
         Elements::Polynomial(_, each) => {
@@ -482,7 +510,10 @@ const CUTS: &str =
 #[test]
 fn tissue_settles_where_newtons_method_says() {
     for law in ["stVenantKirchhoff", "stableNeoHookean"] {
-        for (kind, averaged) in [("", false), (HYBRID, false), ("", true), (HYBRID, true)] {
+        for (kind, element) in ["", HYBRID]
+            .into_iter()
+            .flat_map(|kind| ELEMENTS.map(|e| (kind, e)))
+        {
             let text = bar_scene(
                 law,
                 &format!(r#""gravity": [0, 0, -9.81], "integration": {{"damping": 60}},
@@ -490,10 +521,8 @@ fn tissue_settles_where_newtons_method_says() {
                    {CUTS}"#),
             )
             .replacen(r#"{"elasticity""#, &format!(r#"{{{kind}"elasticity""#), 1);
-            let text = match averaged {
-                true => text.replacen("constantStrain", "nodalAveraged", 1),
-                false => text,
-            };
+            let word = serde_json::to_string(&element).unwrap();
+            let text = text.replacen("\"constantStrain\"", &word, 1);
             let mut s = common::simulation(&text);
             for k in 0..12 {
                 s.set_pose_input(k % 3, 2, 1.0);
@@ -514,7 +543,7 @@ fn tissue_settles_where_newtons_method_says() {
                 }
             }
             println!(
-                "{law} {kind}: {:.1e}, {} corrections, least {}",
+                "{law} {element:?} {kind}: {:.1e}, {} corrections, least {}",
                 off / most,
                 reference.iterations,
                 reference.minimum_volume_ratio
@@ -558,77 +587,178 @@ fn averaged_energy(bar: &Bar, law: Law, c: f64, u: &[Lane]) -> f64 {
     energy
 }
 
+/// The same with average nodal pressure.
+fn pressed_energy(bar: &Bar, law: Law, u: &[Lane]) -> f64 {
+    let mut points: HashMap<(u32, usize), (f64, f64)> = HashMap::new();
+    let mut energy = 0.0;
+    for (t, nodes) in bar.tetrahedra.iter().enumerate() {
+        let (shape, material) = (&bar.shape[t], &bar.material[t]);
+        let f = shape.deformation_gradient(&nodes.map(|v| u[v as usize].xyz()));
+        let theta = match law {
+            Law::StVenantKirchhoff => 0.5 * (f.norm_squared() - 3.0),
+            Law::StableNeoHookean => f.determinant() - 1.0,
+        };
+        let own = law.energy(material, &f) - 0.5 * material.lambda * theta * theta;
+        energy += shape.volume * own;
+        let number = bar.material.iter().position(|m| m == material).unwrap();
+        for v in nodes {
+            let point = points.entry((*v, number)).or_default();
+            point.0 += shape.volume / 4.0;
+            point.1 += theta * shape.volume / 4.0;
+        }
+    }
+    for ((_, number), (volume, sum)) in points {
+        energy += 0.5 * bar.material[number].lambda * sum * sum / volume;
+    }
+    energy
+}
+
+/// W and dW/du.
+type Forces<'a> = &'a dyn Fn(&[Lane], &mut [Lane]) -> f64;
+
+/// Of one element: fast, plain and single forces are the derivatives of its energy, the tangent is theirs, momenta are
+/// balanced, and what is turned is at rest.
+fn forces_follow(
+    bar: &Bar,
+    u: &[Lane],
+    energy_of: &dyn Fn(&[Lane]) -> f64,
+    [fast_of, plain_of]: [Forces; 2],
+    single: &dyn Fn(usize) -> Vec3,
+    tangent: Vec<(usize, usize, Matrix3<f64>)>,
+) {
+    let mut fast = vec![Lane::default(); u.len()];
+    let mut plain = fast.clone();
+    let (energy, plain_energy) = (fast_of(u, &mut fast), plain_of(u, &mut plain));
+    let scale = largest(&fast);
+    assert!((energy / plain_energy - 1.0).abs() < 1e-12);
+    assert!((energy / energy_of(u) - 1.0).abs() < 1e-12);
+    let (mut sum, mut moment) = (Vec3::zeros(), Vec3::zeros());
+    for i in 0..u.len() {
+        assert!((fast[i].xyz() - plain[i].xyz()).norm() < 1e-13 * scale);
+        assert!((fast[i].xyz() - single(i)).norm() < 1e-13 * scale);
+        sum += fast[i].xyz();
+        moment += (bar.nodes[i] + u[i].xyz()).cross(&fast[i].xyz());
+    }
+    assert!(sum.norm() < 1e-12 * scale && moment.norm() < 1e-12 * scale);
+    for k in (0..u.len()).step_by(23) {
+        for axis in 0..3 {
+            let at = |h: f64| {
+                let mut moved = u.to_vec();
+                moved[k].0[axis] += h;
+                energy_of(&moved)
+            };
+            let h = 2e-5;
+            let slope = (8.0 * (at(h) - at(-h)) - at(2.0 * h) + at(-2.0 * h)) / (12.0 * h);
+            let off = (slope - fast[k].0[axis]).abs();
+            assert!(off < 1e-9 * scale, "{k} {axis}: {off:e} of {scale:e}");
+        }
+    }
+    // The tangent along a direction.
+    let way = bar.displaced(0.7);
+    let mut product = vec![Vec3::zeros(); u.len()];
+    for (i, j, block) in tangent {
+        product[i] += block * way[j].xyz();
+        if i != j {
+            product[j] += block.tr_mul(&way[i].xyz());
+        }
+    }
+    let at = |h: f64| {
+        let moved: Vec<Lane> = (u.iter().zip(&way))
+            .map(|(u, d)| Lane::from(u.xyz() + d.xyz() * h))
+            .collect();
+        let mut f = vec![Lane::default(); u.len()];
+        fast_of(&moved, &mut f);
+        f
+    };
+    let h = 1e-3;
+    let [a, b, c, d] = [h, -h, 2.0 * h, -2.0 * h].map(at);
+    let most = product.iter().map(|p| p.norm()).fold(0.0, f64::max);
+    for i in 0..u.len() {
+        let slope = ((a[i].xyz() - b[i].xyz()) * 8.0 - c[i].xyz() + d[i].xyz()) / (12.0 * h);
+        assert!((slope - product[i]).norm() < 1e-9 * most);
+    }
+    let turn = Rotation3::new(Vec3::new(1.5, -0.7, 2.0));
+    let turned: Vec<Lane> = (bar.nodes.iter())
+        .map(|x| Lane::from(turn * x - x + Vec3::repeat(0.02)))
+        .collect();
+    let mut none = vec![Lane::default(); u.len()];
+    let rest = fast_of(&turned, &mut none);
+    assert!(largest(&none) < 1e-12 * scale && rest.abs() < 1e-12 * energy);
+}
+
 #[test]
 fn nodal_averaged_forces_are_those_of_their_energy() {
     for (law, penalty) in cases() {
         for fibres in [false, true] {
             let bar = Bar::new(fibres, penalty);
-            let elements = bar.averaged(law);
+            let own = bar.averaged(law);
             let u = bar.displaced(1.0);
-            let mut fast = vec![Lane::default(); u.len()];
-            let (energy, _) = elements.add_forces(&u, &mut fast);
-            let mut plain = fast.iter().map(|_| Lane::default()).collect::<Vec<_>>();
-            let (plain_energy, _) = elements.add_forces_plain(&u, &mut plain);
-            let scale = largest(&fast);
-            assert!((energy / plain_energy - 1.0).abs() < 1e-12);
-            assert!((energy / averaged_energy(&bar, law, 0.3, &u) - 1.0).abs() < 1e-12);
-            let (mut sum, mut moment) = (Vec3::zeros(), Vec3::zeros());
-            for i in 0..u.len() {
-                assert!((fast[i].xyz() - plain[i].xyz()).norm() < 1e-12 * scale);
-                assert!((fast[i].xyz() - elements.node_force(i, &u)).norm() < 1e-12 * scale);
-                sum += fast[i].xyz();
-                moment += (bar.nodes[i] + u[i].xyz()).cross(&fast[i].xyz());
-            }
-            assert!(sum.norm() < 1e-12 * scale && moment.norm() < 1e-12 * scale);
-            for k in (0..u.len()).step_by(23) {
-                for axis in 0..3 {
-                    let at = |h: f64| {
-                        let mut moved = u.clone();
-                        moved[k].0[axis] += h;
-                        averaged_energy(&bar, law, 0.3, &moved)
-                    };
-                    let h = 2e-5;
-                    let slope = (8.0 * (at(h) - at(-h)) - at(2.0 * h) + at(-2.0 * h)) / (12.0 * h);
-                    let off = (slope - fast[k].0[axis]).abs();
-                    assert!(
-                        off < 1e-9 * scale,
-                        "{law:?} {k} {axis}: {off:e} of {scale:e}"
-                    );
-                }
-            }
-            // The tangent along a direction.
-            let way = bar.displaced(0.7);
-            let mut product = vec![Vec3::zeros(); u.len()];
-            for (i, j, block) in elements.tangent(&u) {
-                product[i] += block * way[j].xyz();
-                if i != j {
-                    product[j] += block.tr_mul(&way[i].xyz());
-                }
-            }
-            let at = |h: f64| {
-                let moved: Vec<Lane> = (u.iter().zip(&way))
-                    .map(|(u, d)| Lane::from(u.xyz() + d.xyz() * h))
-                    .collect();
-                let mut f = vec![Lane::default(); u.len()];
-                elements.add_forces(&moved, &mut f);
-                f
-            };
-            let h = 1e-3;
-            let [a, b, c, d] = [h, -h, 2.0 * h, -2.0 * h].map(at);
-            let most = product.iter().map(|p| p.norm()).fold(0.0, f64::max);
-            for i in 0..u.len() {
-                let slope =
-                    ((a[i].xyz() - b[i].xyz()) * 8.0 - c[i].xyz() + d[i].xyz()) / (12.0 * h);
-                assert!((slope - product[i]).norm() < 1e-9 * most);
-            }
-            // A linear field has no variance, a rotation no force.
-            let turn = Rotation3::new(Vec3::new(1.5, -0.7, 2.0));
-            let turned: Vec<Lane> = (bar.nodes.iter())
-                .map(|x| Lane::from(turn * x - x + Vec3::repeat(0.02)))
-                .collect();
-            let mut none = vec![Lane::default(); u.len()];
-            let (rest, _) = elements.add_forces(&turned, &mut none);
-            assert!(largest(&none) < 1e-12 * scale && rest.abs() < 1e-12 * energy);
+            forces_follow(
+                &bar,
+                &u,
+                &|u| averaged_energy(&bar, law, 0.3, u),
+                [&|u, to| own.add_forces(u, to).0, &|u, to| {
+                    own.add_forces_plain(u, to).0
+                }],
+                &|i| own.node_force(i, &u),
+                own.tangent(&u),
+            );
+        }
+    }
+}
+
+#[test]
+fn nodal_pressure_forces_are_those_of_their_energy() {
+    for (law, penalty) in cases() {
+        for fibres in [false, true] {
+            let bar = Bar::new(fibres, penalty);
+            let own = bar.pressed(law);
+            let u = bar.displaced(1.0);
+            // What scratch holds does not matter.
+            let points = || vec![f64::NAN; own.points()];
+            forces_follow(
+                &bar,
+                &u,
+                &|u| pressed_energy(&bar, law, u),
+                [&|u, to| own.add_forces(u, to, &mut points()).0, &|u, to| {
+                    own.add_forces_plain(u, to, &mut points()).0
+                }],
+                &|i| own.node_force(i, &u),
+                own.tangent(&u),
+            );
+        }
+    }
+}
+
+/// No mode of a body at rest comes free but its rigid motions, at any Poisson's ratio; and none is stiffer than with
+/// constant strain, or softer where lambda is negative.
+#[test]
+fn nodal_pressure_has_no_soft_modes() {
+    for poisson in [-0.5, 0.0, 0.45, 0.4999] {
+        let mut bar = Bar::new(false, 0.0);
+        bar.material.fill(Hooke::new(6000.0, poisson));
+        let used = |v: usize| bar.tetrahedra.iter().flatten().any(|w| *w == v as u32);
+        let free = 6 + 3 * (0..bar.nodes.len()).filter(|v| !used(*v)).count();
+        let still = vec![Lane::default(); bar.nodes.len()];
+        let modes = |element| {
+            let k = tangent(&bar, Law::StableNeoHookean, element, &still);
+            let mut values: Vec<f64> = k.symmetric_eigenvalues().iter().copied().collect();
+            values.sort_by(f64::total_cmp);
+            values
+        };
+        let pressed = modes(Element::NodalPressure);
+        let constant = modes(Element::ConstantStrain);
+        let scale = constant[constant.len() - 1];
+        println!(
+            "nu {poisson}: softest {:.2e} of the stiffest, {:.2e} with constant strain",
+            pressed[free] / scale,
+            constant[free] / scale
+        );
+        assert!(pressed[..free].iter().all(|k| k.abs() < 1e-13 * scale));
+        assert!(pressed[free] > 1e-9 * scale);
+        for (pressed, constant) in pressed.iter().zip(&constant) {
+            let off = (pressed - constant) * f64::signum(poisson);
+            assert!(off < 1e-12 * scale, "{poisson} {off:e}");
         }
     }
 }

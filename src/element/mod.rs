@@ -4,13 +4,17 @@ pub mod blend;
 pub mod constant_strain;
 pub mod kernel;
 pub mod nodal_averaged;
+pub mod nodal_pressure;
 pub mod polynomial;
 pub mod tetrahedra;
+
+use nalgebra::Matrix3;
 
 use crate::law::response::Law;
 use crate::model::tensor_mass::Lane;
 use kernel::Kernel;
 use nodal_averaged::NodalAveraged;
+use nodal_pressure::NodalPressure;
 use polynomial::Polynomial;
 use tetrahedra::{Extent, Tetrahedra};
 
@@ -18,6 +22,7 @@ use tetrahedra::{Extent, Tetrahedra};
 #[derive(Clone, Debug, PartialEq)]
 pub enum Elements {
     ConstantStrain(Tetrahedra),
+    NodalPressure(Box<NodalPressure>),
     /// The tetrahedra tell how far each of them is deformed, which averages hide.
     NodalAveraged(Box<NodalAveraged>, Tetrahedra),
     /// Constant-strain tetrahedra that tell how far they are deformed, their forces in the papers' form.
@@ -46,41 +51,90 @@ impl Elements {
             Elements::ConstantStrain(own)
             | Elements::NodalAveraged(_, own)
             | Elements::Polynomial(_, own) => own,
+            Elements::NodalPressure(own) => &own.each,
         }
     }
 
-    pub(crate) fn tetrahedra_mut(&mut self) -> &mut Tetrahedra {
+    fn tetrahedra_mut(&mut self) -> &mut Tetrahedra {
         match self {
             Elements::ConstantStrain(own)
             | Elements::NodalAveraged(_, own)
             | Elements::Polynomial(_, own) => own,
+            Elements::NodalPressure(own) => &mut own.each,
         }
     }
 
-    /// Adds dW/du \[N\] at displacements u to what there is. Returns W \[J\] and how far tissue is deformed.
-    pub fn add_forces(&self, u: &[Lane], to: &mut [Lane]) -> (f64, Extent) {
+    /// Takes a dead tetrahedron out. Points are to be summed again.
+    pub(crate) fn remove(&mut self, t: usize) {
+        match self {
+            Elements::NodalPressure(own) => own.remove(t),
+            _ => self.tetrahedra_mut().remove(t),
+        }
+    }
+
+    /// Gives a tetrahedron other nodes, which none has where vertices have points.
+    pub(crate) fn rename(&mut self, t: usize, nodes: &[u32; 4]) {
+        self.tetrahedra_mut().rename(t, nodes);
+    }
+
+    /// How many numbers [`Elements::add_forces`] needs room for.
+    pub fn points(&self) -> usize {
+        match self {
+            Elements::NodalPressure(own) => own.points(),
+            _ => 0,
+        }
+    }
+
+    /// Adds dW/du \[N\] at displacements u to what there is. Returns W \[J\] and how far tissue is deformed. `points` is
+    /// scratch.
+    pub fn add_forces(&self, u: &[Lane], to: &mut [Lane], points: &mut [f64]) -> (f64, Extent) {
         match self {
             Elements::ConstantStrain(own) => own.add_forces(u, to),
+            Elements::NodalPressure(own) => own.add_forces(u, to, points),
             Elements::NodalAveraged(own, _) => own.add_forces(u, to),
             Elements::Polynomial(own, each) => (own.add_forces(u, to), each.extent(u)),
         }
     }
 
+    /// What the points of a vertex have of W \[J\], and the power of their forces at velocities v \[W\].
+    pub(crate) fn share(&self, node: u32, u: &[Lane], v: &[Lane]) -> (f64, f64) {
+        match self {
+            Elements::ConstantStrain(_) | Elements::Polynomial(..) => (0.0, 0.0),
+            Elements::NodalPressure(own) => own.share(node, u, v),
+            Elements::NodalAveraged(own, _) => own.share(node, u, v),
+        }
+    }
+
+    /// Second derivatives of W \[N/m\], parts (i, j, block) of the upper half. None where they are those of single
+    /// tetrahedra.
+    pub fn tangent(&self, u: &[Lane]) -> Option<Vec<(usize, usize, Matrix3<f64>)>> {
+        match self {
+            Elements::ConstantStrain(_) | Elements::Polynomial(..) => None,
+            Elements::NodalPressure(own) => Some(own.tangent(u)),
+            Elements::NodalAveraged(own, _) => Some(own.tangent(u)),
+        }
+    }
+
     /// Keeps the room that there is.
     pub(crate) fn copy_from(&mut self, other: &Elements) {
-        self.tetrahedra_mut().copy_from(other.tetrahedra());
         match (self, other) {
-            (Elements::NodalAveraged(own, _), Elements::NodalAveraged(other, _)) => {
+            (Elements::NodalPressure(own), Elements::NodalPressure(other)) => own.copy_from(other),
+            (Elements::NodalAveraged(own, each), Elements::NodalAveraged(other, others)) => {
                 own.copy_from(other);
+                each.copy_from(others);
             }
-            (Elements::Polynomial(own, _), Elements::Polynomial(other, _)) => own.copy_from(other),
-            _ => {}
+            (Elements::Polynomial(own, each), Elements::Polynomial(other, others)) => {
+                own.copy_from(other);
+                each.copy_from(others);
+            }
+            (own, other) => own.tetrahedra_mut().copy_from(other.tetrahedra()),
         }
     }
 
     pub fn bytes(&self) -> usize {
         match self {
             Elements::ConstantStrain(own) => own.bytes(),
+            Elements::NodalPressure(own) => own.bytes(),
             Elements::NodalAveraged(own, each) => own.bytes() + each.bytes(),
             Elements::Polynomial(own, each) => own.bytes() + each.bytes(),
         }

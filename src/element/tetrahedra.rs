@@ -20,13 +20,13 @@ use crate::model::tensor_mass::Lane;
 /// Four tetrahedra side by side. A place that holds none, or a dead one, has neither gradients nor stiffness.
 #[derive(Clone, Debug, PartialEq)]
 #[repr(C, align(32))]
-struct Group {
+pub(super) struct Group {
     /// a_1, a_2, a_3 \[1/m\], an axis each.
-    gradient: [[[f64; 4]; 3]; 3],
+    pub gradient: [[[f64; 4]; 3]; 3],
     /// Of [`Response::parameters`], times V \[J\].
-    parameters: [[f64; 4]; 2],
+    pub parameters: [[f64; 4]; 2],
     /// A corner each.
-    node: [[u32; 4]; 4],
+    pub node: [[u32; 4]; 4],
 }
 
 /// What only some tissue needs.
@@ -44,7 +44,7 @@ struct Extra {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tetrahedra {
     pub law: Law,
-    group: Vec<Group>,
+    pub(super) group: Vec<Group>,
     extra: Vec<Extra>,
     has_fibre: bool,
     /// k of [`crate::law::volume_penalty`] \[Pa\]; the materials' own do not count.
@@ -192,7 +192,7 @@ impl Tetrahedra {
         self.penalty = other.penalty;
     }
 
-    fn find(&self, t: usize) -> Option<(usize, usize)> {
+    pub(super) fn find(&self, t: usize) -> Option<(usize, usize)> {
         let place = self.place[t] as usize;
         (self.place[t] != NONE).then_some((place / 4, place % 4))
     }
@@ -227,6 +227,25 @@ impl Tetrahedra {
         }
     }
 
+    /// Fibres and volume penalty of a group.
+    #[inline(always)]
+    pub(super) unsafe fn add_extra<V: Four>(
+        &self,
+        k: usize,
+        point: &Point<V>,
+        stress: &mut Square<V>,
+        energy: &mut V,
+    ) {
+        // SAFETY: the caller's.
+        unsafe {
+            let extra = self.extra.get_unchecked(k);
+            let a0 = load3(&extra.direction);
+            point.add_fibre(a0, V::load(&extra.kappa), stress, energy);
+            let penalty = V::splat(self.penalty).mul(V::load(&extra.volume));
+            volume_penalty::add(point, penalty, stress, energy);
+        }
+    }
+
     pub fn bytes(&self) -> usize {
         size_of_val(&self.group[..]) + size_of_val(&self.extra[..]) + size_of_val(&self.place[..])
     }
@@ -257,25 +276,11 @@ impl Kernel for Tetrahedra {
                 let parameters = [V::load(&group.parameters[0]), V::load(&group.parameters[1])];
                 let (mut stress, mut energy) = R::respond(&point, parameters);
                 if EXTRA {
-                    let extra = self.extra.get_unchecked(k);
-                    let a0 = load3(&extra.direction);
-                    point.add_fibre(a0, V::load(&extra.kappa), &mut stress, &mut energy);
-                    let penalty = V::splat(self.penalty).mul(V::load(&extra.volume));
-                    volume_penalty::add(&point, penalty, &mut stress, &mut energy);
+                    self.add_extra(k, &point, &mut stress, &mut energy);
                 }
                 sum = sum.add(energy);
                 reach.include(&point);
-                let force = [
-                    product(&stress, a[0]),
-                    product(&stress, a[1]),
-                    product(&stress, a[2]),
-                ];
-                let zero = [V::splat(0.0); 3];
-                let first = sub3(sub3(sub3(zero, force[0]), force[1]), force[2]);
-                V::scatter(first, to, group.node[0]);
-                V::scatter(force[0], to, group.node[1]);
-                V::scatter(force[1], to, group.node[2]);
-                V::scatter(force[2], to, group.node[3]);
+                group.add_forces(&stress, &a, to);
             }
             let [a, b, c, d] = sum.store();
             ((a + b) + (c + d), reach.extent())
@@ -286,7 +291,7 @@ impl Kernel for Tetrahedra {
 impl Group {
     /// Deformation, and a_1, a_2, a_3.
     #[inline(always)]
-    unsafe fn point<V: Four>(&self, u: &[Lane]) -> (Point<V>, Square<V>) {
+    pub unsafe fn point<V: Four>(&self, u: &[Lane]) -> (Point<V>, Square<V>) {
         // SAFETY: the caller's.
         unsafe {
             let first = V::gather(u, self.node[0]);
@@ -308,6 +313,25 @@ impl Group {
                 g[k][2] = x.mul_add(a[0][2], y.mul_add(a[1][2], z.mul(a[2][2])));
             }
             (Point::new(g), a)
+        }
+    }
+
+    /// Of P times V at these a_j.
+    #[inline(always)]
+    pub unsafe fn add_forces<V: Four>(&self, stress: &Square<V>, a: &Square<V>, to: &mut [Lane]) {
+        // SAFETY: the caller's.
+        unsafe {
+            let force = [
+                product(stress, a[0]),
+                product(stress, a[1]),
+                product(stress, a[2]),
+            ];
+            let zero = [V::splat(0.0); 3];
+            let first = sub3(sub3(sub3(zero, force[0]), force[1]), force[2]);
+            V::scatter(first, to, self.node[0]);
+            V::scatter(force[0], to, self.node[1]);
+            V::scatter(force[1], to, self.node[2]);
+            V::scatter(force[2], to, self.node[3]);
         }
     }
 }

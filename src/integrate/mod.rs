@@ -66,7 +66,7 @@ fn sweep(model: &Model, state: &mut State, work: &mut Workspace, by: &Advance) -
         mass: &state.live.mass[..moving],
         listed: work.listed.as_ref(),
     };
-    let sums = state.live.sweep(model, &mut motion, by);
+    let sums = state.live.sweep(model, &mut motion, &mut work.points, by);
     let Workspace {
         loose,
         residual,

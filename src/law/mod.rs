@@ -5,4 +5,5 @@ pub mod response;
 pub mod st_venant_kirchhoff;
 pub mod stable_neo_hookean;
 pub mod stiffening;
+pub mod swelling;
 pub mod volume_penalty;

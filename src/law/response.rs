@@ -3,6 +3,7 @@
 use nalgebra::Matrix3;
 
 use super::linear::Hooke;
+use super::swelling::Swelling;
 use super::{st_venant_kirchhoff, stable_neo_hookean, volume_penalty};
 use crate::lanes::{Four, Square, cross, dot, product};
 
@@ -120,7 +121,7 @@ impl<V: Four> Point<V> {
 }
 
 /// A law in four lanes.
-pub(crate) trait Response {
+pub(crate) trait Response: Swelling {
     /// Two numbers \[Pa\], of which stress and energy are linear functions.
     fn parameters(material: &Hooke) -> [f64; 2];
 

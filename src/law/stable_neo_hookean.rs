@@ -64,7 +64,8 @@ pub fn cofactor(f: &Matrix3<f64>) -> Matrix3<f64> {
     Matrix3::from_columns(&[column(0), column(1), column(2)])
 }
 
-fn cofactor_change(f: &Matrix3<f64>, df: &Matrix3<f64>) -> Matrix3<f64> {
+/// Change of the cofactors with F.
+pub fn cofactor_change(f: &Matrix3<f64>, df: &Matrix3<f64>) -> Matrix3<f64> {
     let column = |k: usize| {
         let (a, b) = ((k + 1) % 3, (k + 2) % 3);
         f.column(a).cross(&df.column(b)) + df.column(a).cross(&f.column(b))

@@ -9,8 +9,14 @@ use super::sweep::{Advance, Motion, Sums, advance_node};
 use crate::element::Elements;
 use crate::lanes::{self, Four};
 
-/// Runs one substep of the nodes from `used.start` on; connection nodes begin at its end.
-pub fn sweep(elements: &Elements, used: Range<usize>, m: &mut Motion, by: &Advance) -> Sums {
+/// Runs one substep of the nodes from `used.start` on; connection nodes begin at its end. `points` is scratch.
+pub fn sweep(
+    elements: &Elements,
+    used: Range<usize>,
+    m: &mut Motion,
+    points: &mut [f64],
+    by: &Advance,
+) -> Sums {
     let n = m.mass.len();
     assert!(m.is_of(n));
     let connected = used.end..n;
@@ -18,7 +24,7 @@ pub fn sweep(elements: &Elements, used: Range<usize>, m: &mut Motion, by: &Advan
         .zip(&m.partial[connected])
         .map(|(u, f)| u.xyz().dot(&f.xyz()))
         .sum();
-    let (energy, extent) = elements.add_forces(m.displacement, m.partial);
+    let (energy, extent) = elements.add_forces(m.displacement, m.partial, points);
     let mut sums = advance(used.start, m, by);
     sums.elastic = 2.0 * energy + virial;
     sums.extent = extent;

@@ -463,8 +463,13 @@ impl Model {
                     }
                     _ => {
                         let law = law.with_penalty(penalty).at_rest();
+                        // Means are below what they are taken of, and above where lambda is negative.
+                        let law = match self.element() {
+                            Element::NodalPressure if law.lambda < 0.0 => law.without_lambda(),
+                            _ => law,
+                        };
                         let own = shape.largest_eigenvalue(&law, *density);
-                        // Means are below what they are taken of; the hourglass term comes on top.
+                        // The hourglass term comes on top.
                         let hourglass = match self.is_averaged() {
                             true => self.scene.model.hourglass * law.mu,
                             false => 0.0,
@@ -500,8 +505,6 @@ impl Model {
             ModelKind::SpringMass => {
                 spring_mass::tetrahedron_force(law, shape.volume, &self.rest_positions(t), u)
             }
-            // Its energy is that of its vertices.
-            _ if self.is_averaged() => Default::default(),
             _ if self.is_adaptive() => {
                 let mut force = shape.linear_force(law, u);
                 let mut energy = std::array::from_fn(|k| 0.5 * u[k].dot(&force[k]));
@@ -520,7 +523,13 @@ impl Model {
                     (force, std::array::from_fn(|k| 0.5 * u[k].dot(&force[k])))
                 }
                 Some(kind) => {
-                    let (force, energy) = tetrahedra::force(kind, law, shape, u);
+                    let law = match self.element() {
+                        Element::ConstantStrain => *law,
+                        // The rest is that of its vertices.
+                        Element::NodalPressure => law.without_lambda(),
+                        Element::NodalAveraged => return Default::default(),
+                    };
+                    let (force, energy) = tetrahedra::force(kind, &law, shape, u);
                     (force, [0.25 * energy; 4])
                 }
             },
@@ -569,6 +578,11 @@ impl Model {
     pub fn takes_penalty(&self) -> bool {
         let is_sum = self.scene.model.form == Form::PerTetrahedron;
         self.law().is_some() && !self.is_adaptive() && is_sum
+    }
+
+    /// How vertices make its deformation gradients.
+    pub fn element(&self) -> Element {
+        self.scene.model.element()
     }
 
     /// Whether a vertex has one deformation gradient for all its tetrahedra.

@@ -13,8 +13,8 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     let element = model.element();
     let adaptive = model.nonlinear_threshold > 0.0;
     let penalised = model.incompressibility != Incompressibility::Pressure(0.0);
-    let pressed = element == Element::NodalPressure;
-    let averaged = element == Element::NodalAveraged;
+    // A vertex has what its tetrahedra share.
+    let shares = element != Element::ConstantStrain;
     let polynomial = model.form == Form::Polynomial;
     let splits = scene.cutting.rule == CutRule::Duplicate;
     let format = match &scene.mesh {
@@ -30,9 +30,8 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
         (settled, text("start"), format!("{} with {}", word(&scene.start), word(&model.kind)), "use rest"),
         (adaptive && polynomial, text("model.form"), format!("{} with a non-linear threshold", word(&model.form)), "use perTetrahedron"),
         ((adaptive || polynomial) && penalised, text("model.incompressibility"), format!("a volume penalty with {}", if polynomial {"polynomial"} else {"a non-linear threshold"}), "use 0"),
-        (pressed, text("model.element"), word(&element), if nonlinear {"use nodalAveraged"} else {"use constantStrain"}),
-        (averaged && !nonlinear, text("model.element"), format!("{} with linear elasticity", word(&element)), "use constantStrain"),
-        (averaged && splits, text("cutting.rule"), format!("duplicate with {}", word(&element)), "use remove"),
+        (shares && !nonlinear, text("model.element"), format!("{} with linear elasticity", word(&element)), "use constantStrain"),
+        (shares && splits, text("cutting.rule"), format!("duplicate with {}", word(&element)), "use remove"),
         (polynomial && splits, text("cutting.rule"), format!("duplicate with {}", word(&model.form)), "use remove"),
         (!format.eq_ignore_ascii_case("msh"), text("mesh.file"), format!("the mesh format .{format}"), "use .msh"),
     ];

@@ -10,6 +10,7 @@ use std::time::Instant;
 use tissue::element::blend::{Blend, Listed};
 use tissue::element::kernel::Kernel;
 use tissue::element::nodal_averaged::NodalAveraged;
+use tissue::element::nodal_pressure::NodalPressure;
 use tissue::element::polynomial::Polynomial;
 use tissue::element::tetrahedra::Tetrahedra;
 use tissue::law::response::Law;
@@ -61,7 +62,7 @@ fn main() {
     let averaged_hookean = averaged(Law::StableNeoHookean);
     // Pressed in at one vertex; a tenth of the tetrahedra beyond the threshold.
     let at = model.mesh.nodes[model.surface_nodes[0] as usize];
-    let pressed: Vec<Lane> = (model.mesh.nodes[..n].iter())
+    let poked: Vec<Lane> = (model.mesh.nodes[..n].iter())
         .map(|x| Lane::from(Vec3::new(0.0, 0.0, -0.01) * (-(x - at).norm() / 0.02).exp()))
         .collect();
     let mut blend = Blend::new(
@@ -74,7 +75,7 @@ fn main() {
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..50 {
         blend.threshold = 0.5 * (low + high);
-        match blend.share(&pressed, model.mesh.tetrahedra.len()) > 0.1 {
+        match blend.share(&poked, model.mesh.tetrahedra.len()) > 0.1 {
             true => low = blend.threshold,
             false => high = blend.threshold,
         }
@@ -93,10 +94,18 @@ fn main() {
     ] {
         println!("{what},{0},{0},bytes", bytes);
     }
+    let pressed = |law| {
+        NodalPressure::new(law, &model.mesh.tetrahedra, |t| {
+            Some((&model.shape[t], &model.material(t).law, 0))
+        })
+    };
+    let pressed_venant = pressed(Law::StVenantKirchhoff);
+    let pressed_hookean = pressed(Law::StableNeoHookean);
+    let mut points = vec![0.0; pressed_venant.points()];
     let mut out = vec![Lane::default(); n];
     let mut linear = vec![Vec3::zeros(); n];
     let (mut a, b) = (vec![[1.0f64; 4]; 512], [1.000_000_1f64; 4]);
-    let mut times = vec![Vec::new(); 12];
+    let mut times = vec![Vec::new(); 15];
     for _ in 0..ROUNDS {
         let mut run = |k: usize, f: &mut dyn FnMut()| {
             let start = Instant::now();
@@ -158,8 +167,8 @@ fn main() {
             ));
         });
         run(10, &mut || {
-            listed.refresh(&blend, 0, &pressed);
-            black_box(blend.add_forces(Some(&listed), &pressed, &mut partial));
+            listed.refresh(&blend, 0, &poked);
+            black_box(blend.add_forces(Some(&listed), &poked, &mut partial));
             let mut motion = Motion {
                 displacement: &mut w,
                 velocity: &mut v,
@@ -180,6 +189,15 @@ fn main() {
         run(11, &mut || {
             black_box(polynomial.add_forces(&u, &mut out));
         });
+        run(12, &mut || {
+            black_box(pressed_venant.add_forces(&u, &mut out, &mut points));
+        });
+        run(13, &mut || {
+            black_box(pressed_venant.add_forces_plain(&u, &mut out, &mut points));
+        });
+        run(14, &mut || {
+            black_box(pressed_hookean.add_forces(&u, &mut out, &mut points));
+        });
     }
     println!("blend looks at,{},,", listed.places());
     let names = [
@@ -195,6 +213,9 @@ fn main() {
         "linear substep",
         "StVK blend of a 10 % share substep",
         "StVK polynomial",
+        "StVK nodal-pressure",
+        "StVK nodal-pressure plain",
+        "stable neo-Hookean nodal-pressure",
     ];
     for (name, times) in names.iter().zip(&mut times) {
         times.sort_by(f64::total_cmp);

@@ -20,7 +20,7 @@ import numpy as np
 from studies import STUDIES
 
 HERE = Path(__file__).parent
-ELEMENTS = ["constantStrain", "nodalAveraged"]
+ELEMENTS = ["constantStrain", "nodalPressure", "nodalAveraged"]
 PATTERNS = {"five": meshes.five, "six": meshes.six}
 LAWS = ["stableNeoHookean", "stVenantKirchhoff"]
 COLUMNS = ["scene", "nu", "law", "pattern", "element", "tetrahedra", "error %", "reference +- %"]
