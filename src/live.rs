@@ -242,7 +242,7 @@ impl LiveMesh {
     pub fn extent(&self, u: &[Lane]) -> Extent {
         match (&self.elements, &self.blend) {
             (Some(elements), _) => elements.tetrahedra().extent(u),
-            (_, Some(blend)) => blend.extent(&u[..self.mass.len().min(u.len())]),
+            (_, Some(blend)) => blend.extent(u),
             _ => Extent::default(),
         }
     }
@@ -410,6 +410,7 @@ impl LiveMesh {
         self.tensors.bytes()
             + self.springs.as_ref().map_or(0, Springs::bytes)
             + self.elements.as_ref().map_or(0, Elements::bytes)
+            + self.blend.as_ref().map_or(0, Blend::bytes)
     }
 
     /// Removes one live tetrahedron: its four masses and four faces. Its tensors or springs stay until

@@ -16,7 +16,7 @@
 use nalgebra::Matrix3;
 
 use super::constant_strain::Shape;
-use super::tetrahedra::{Extent, Reach};
+use super::tetrahedra::{Extent, Reach, gradient};
 use crate::lanes::{self, Four, Plain, Square, dot, product, sub3};
 use crate::law::linear::Hooke;
 use crate::law::response::{Law, Point, Response};
@@ -106,21 +106,8 @@ impl Group {
     unsafe fn deformation<V: Four>(&self, u: &[Lane]) -> (Square<V>, Square<V>) {
         // SAFETY: the caller's.
         unsafe {
-            let first = V::gather(u, self.node[0]);
-            let d = [
-                sub3(V::gather(u, self.node[1]), first),
-                sub3(V::gather(u, self.node[2]), first),
-                sub3(V::gather(u, self.node[3]), first),
-            ];
             let a: Square<V> = [self.three(0), self.three(3), self.three(6)];
-            let mut g = a;
-            for k in 0..3 {
-                let (x, y, z) = (d[0][k], d[1][k], d[2][k]);
-                g[k][0] = x.mul_add(a[0][0], y.mul_add(a[1][0], z.mul(a[2][0])));
-                g[k][1] = x.mul_add(a[0][1], y.mul_add(a[1][1], z.mul(a[2][1])));
-                g[k][2] = x.mul_add(a[0][2], y.mul_add(a[1][2], z.mul(a[2][2])));
-            }
-            (g, a)
+            (gradient(u, &self.node, &a), a)
         }
     }
 }
@@ -217,13 +204,13 @@ impl Blend {
     }
 
     pub fn bytes(&self) -> usize {
-        size_of_val(&self.group[..]) + size_of_val(&self.place[..])
+        size_of_val(&self.group[..]) + size_of_val(&self.calm[..]) + size_of_val(&self.place[..])
     }
 
     /// Adds the force on top of the linear tensors' \[N\] at displacements u \[m\], a moving node each, to what there is. Only
     /// what is `listed` is looked at, which covers u; or all.
     pub fn add_forces(&self, listed: Option<&Listed>, u: &[Lane], to: &mut [Lane]) -> Excess {
-        assert!(u.len() == to.len());
+        assert!(u.len() == to.len() && listed.is_none_or(|l| l.seen.len() == u.len()));
         let groups = listed.map_or(&self.group, |l| &l.group);
         #[cfg(target_arch = "x86_64")]
         if lanes::has_avx2() {

@@ -294,25 +294,12 @@ impl Group {
     pub unsafe fn point<V: Four>(&self, u: &[Lane]) -> (Point<V>, Square<V>) {
         // SAFETY: the caller's.
         unsafe {
-            let first = V::gather(u, self.node[0]);
-            let d = [
-                sub3(V::gather(u, self.node[1]), first),
-                sub3(V::gather(u, self.node[2]), first),
-                sub3(V::gather(u, self.node[3]), first),
-            ];
             let a: Square<V> = [
                 load3(&self.gradient[0]),
                 load3(&self.gradient[1]),
                 load3(&self.gradient[2]),
             ];
-            let mut g = a;
-            for k in 0..3 {
-                let (x, y, z) = (d[0][k], d[1][k], d[2][k]);
-                g[k][0] = x.mul_add(a[0][0], y.mul_add(a[1][0], z.mul(a[2][0])));
-                g[k][1] = x.mul_add(a[0][1], y.mul_add(a[1][1], z.mul(a[2][1])));
-                g[k][2] = x.mul_add(a[0][2], y.mul_add(a[1][2], z.mul(a[2][2])));
-            }
-            (Point::new(g), a)
+            (Point::new(gradient(u, &self.node, &a)), a)
         }
     }
 
@@ -333,6 +320,35 @@ impl Group {
             V::scatter(force[1], to, self.node[2]);
             V::scatter(force[2], to, self.node[3]);
         }
+    }
+}
+
+/// G = sum_j (u_j - u_0) a_j^T of four tetrahedra.
+///
+/// # Safety
+/// As [`Four`].
+#[inline(always)]
+pub(super) unsafe fn gradient<V: Four>(
+    u: &[Lane],
+    node: &[[u32; 4]; 4],
+    a: &Square<V>,
+) -> Square<V> {
+    // SAFETY: the caller's.
+    unsafe {
+        let first = V::gather(u, node[0]);
+        let d = [
+            sub3(V::gather(u, node[1]), first),
+            sub3(V::gather(u, node[2]), first),
+            sub3(V::gather(u, node[3]), first),
+        ];
+        let mut g = *a;
+        for k in 0..3 {
+            let (x, y, z) = (d[0][k], d[1][k], d[2][k]);
+            g[k][0] = x.mul_add(a[0][0], y.mul_add(a[1][0], z.mul(a[2][0])));
+            g[k][1] = x.mul_add(a[0][1], y.mul_add(a[1][1], z.mul(a[2][1])));
+            g[k][2] = x.mul_add(a[0][2], y.mul_add(a[1][2], z.mul(a[2][2])));
+        }
+        g
     }
 }
 

@@ -165,6 +165,22 @@ def test_start_at_equilibrium_is_newtons_answer(build):
             instance.step(0.2)
 
 
+@each_law
+def test_a_threshold_leads_from_one_law_to_the_other(law, build):
+    """Adaptive tissue with a tiny threshold settles where the law does, and with a huge one where the linear law does."""
+    problem, truth, _ = solved(moderate, law)
+    linear = nonlinear.solve(problem.nodes, problem.tetrahedra, material(problem, "linear", problem.tissue),
+                             problem.held, problem.value, problem.loads, steps=1, tolerance=1e-12)
+    scene = problem.scene | {"name": "adaptive"}
+    scene["model"] = scene["model"] | {"nonlinearThreshold": 1e-7}
+    with Instance(build(scene)) as instance:
+        close(settle(instance, problem.nodes), truth.displacement)
+        assert instance.get("diagnostics.nonlinearFraction") == 1
+        instance.set("model.nonlinearThreshold", 1.0)
+        close(settle(instance, problem.nodes), linear.displacement)
+        assert instance.get("diagnostics.nonlinearFraction") == 0
+
+
 def test_linear_tissue_has_no_nonlinear_share(build):
     with Instance(build(bar("plain", "linear").scene)) as instance:
         assert instance.get("diagnostics.nonlinearFraction") == 0
