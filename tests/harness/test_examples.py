@@ -118,7 +118,7 @@ def test_update_rate_while_cutting(command, tmp_path):
     last, rates = tables["results"][-1], tables["rates"]
     print("\n" + (tmp_path / "rates.csv").read_text())
     assert last["topology.pieces"] == 2
-    assert len(rates) == 46 and rates[-1]["time"] == pytest.approx(4.6)
+    assert len(rates) == 38 and rates[-1]["time"] == pytest.approx(3.8)
     assert sum(row["substeps"] for row in rates) == last["diagnostics.substeps"]
     assert rates[-1]["removedTetrahedra"] == last["topology.removedTetrahedra"] > 50
     assert all(0 < row["longestStep"] <= row["seconds"] for row in rates)
