@@ -312,7 +312,7 @@ impl LiveMesh {
             (_, Some(Elements::NodalAveraged(own, _))) => own.node_force(i, u),
             _ => {
                 let linear = self.tensors.row_product(self.pattern(model), i, u);
-                linear + self.beyond(model, i, u).0
+                linear + self.beyond(model, i, u)
             }
         }
     }
@@ -345,18 +345,23 @@ impl LiveMesh {
         u: &[Lane],
         to: &mut [Lane],
     ) {
-        if !self.is_objective() && self.blend.is_none() {
-            return (self.tensors).products_among(self.pattern(model), nodes, u, to);
+        if !self.is_objective() {
+            (self.tensors).products_among(self.pattern(model), nodes, u, to);
+            return self.each_beyond(model, nodes, u, |nodes, (force, ..)| {
+                for (node, force) in nodes.iter().zip(force) {
+                    let to = &mut to[*node as usize];
+                    *to = (to.xyz() + force).into();
+                }
+            });
         }
         for node in nodes {
             to[*node as usize] = self.internal_force(model, *node as usize, u).into();
         }
     }
 
-    /// Force of adaptive tissue on top of the tensors' at a node \[N\], and a quarter of the energy of each tetrahedron round
-    /// it that half of u . force is not \[J\].
-    fn beyond(&self, model: &Model, i: usize, u: &[Lane]) -> (Vec3, f64) {
-        let mut sum = (Vec3::zeros(), 0.0);
+    /// Force of adaptive tissue on top of the tensors' at a node \[N\].
+    fn beyond(&self, model: &Model, i: usize, u: &[Lane]) -> Vec3 {
+        let mut sum = Vec3::zeros();
         let Some(blend) = &self.blend else {
             return sum;
         };
@@ -368,22 +373,42 @@ impl LiveMesh {
             let nodes = self.tetrahedra[t as usize];
             let u = nodes.map(|v| u[v as usize].xyz());
             let material = &model.material(t as usize).law;
-            let (force, energy, virial) = blend.force(material, &model.shape[t as usize], &u);
+            let (force, ..) = blend.force(material, &model.shape[t as usize], &u);
             let corner = nodes.iter().position(|v| *v as usize == i);
-            sum.0 += corner.map_or(Vec3::zeros(), |k| force[k]);
-            sum.1 += 0.25 * (energy - 0.5 * virial);
+            sum += corner.map_or(Vec3::zeros(), |k| force[k]);
         }
         sum
     }
 
     /// Energy of whole pieces that half of u . force is not \[J\]: adaptive tissue's.
     pub(crate) fn not_quadratic(&self, model: &Model, nodes: &[u32], u: &[Lane]) -> f64 {
-        match self.blend {
-            None => 0.0,
-            Some(_) => nodes
-                .iter()
-                .map(|i| self.beyond(model, *i as usize, u).1)
-                .sum(),
+        let mut sum = 0.0;
+        self.each_beyond(model, nodes, u, |_, (_, energy, virial)| {
+            sum += energy - 0.5 * virial;
+        });
+        sum
+    }
+
+    /// What adaptive tissue has on top of the tensors, a tetrahedron of whole pieces each: forces \[N\], energy \[J\] and u . force.
+    fn each_beyond(
+        &self,
+        model: &Model,
+        nodes: &[u32],
+        u: &[Lane],
+        mut give: impl FnMut(&[u32; 4], ([Vec3; 4], f64, f64)),
+    ) {
+        let Some(blend) = &self.blend else {
+            return;
+        };
+        for i in nodes.iter().filter(|i| self.star_count[**i as usize] > 0) {
+            for t in self.star(model, *i).map(|t| t as usize) {
+                let own = &self.tetrahedra[t];
+                if model.parts.dynamic[t] && own.iter().min() == Some(i) {
+                    let u = own.map(|v| u[v as usize].xyz());
+                    let material = &model.material(t).law;
+                    give(own, blend.force(material, &model.shape[t], &u));
+                }
+            }
         }
     }
 

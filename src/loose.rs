@@ -589,8 +589,9 @@ fn attached(model: &Model, state: &State, label: u32) -> f64 {
     let Some((_, piece)) = state.live.pieces.loose_piece(label) else {
         return 0.0;
     };
-    let mut sum = 0.0;
-    for node in &state.live.pieces.loose_nodes()[piece] {
+    let nodes = &state.live.pieces.loose_nodes()[piece];
+    let mut sum = (state.live).not_quadratic(model, nodes, &state.displacement);
+    for node in nodes {
         let i = *node as usize;
         let (m, u, v) = (
             state.live.mass[i],
@@ -599,7 +600,6 @@ fn attached(model: &Model, state: &State, label: u32) -> f64 {
         );
         sum -= half * lagging * m * v.norm_squared();
         if !state.live.is_objective() {
-            sum += (state.live).not_quadratic(model, &[*node], &state.displacement);
             let f = state.live.internal_force(model, i, &state.displacement);
             let external = state.external[i].xyz();
             sum += 0.5 * f.dot(&u) + 0.5 * m * v.norm_squared() + half * v.dot(&(external - f))

@@ -6,6 +6,7 @@ mod error;
 mod motion;
 mod pack;
 mod picture;
+mod rates;
 mod recorder;
 mod vtu;
 mod write;
@@ -51,6 +52,9 @@ enum Command {
         /// Communication step in s; default: the haptic period.
         #[arg(long)]
         step: Option<f64>,
+        /// Also write rates.csv: substeps a second of wall time, over each 100 ms simulated.
+        #[arg(long)]
+        rates: bool,
         /// Folder for results.csv and the ParaView files.
         #[arg(short, long, default_value = "results")]
         output: PathBuf,
@@ -86,8 +90,9 @@ fn main() -> ExitCode {
             motion,
             stop,
             step,
+            rates,
             output,
-        } => command::run::run(&model, motion.as_deref(), stop, step, &output),
+        } => command::run::run(&model, motion.as_deref(), stop, step, rates, &output),
         Command::Inspect { model, json } => command::inspect::run(&model, json),
         Command::Reference {
             scene,

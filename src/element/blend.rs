@@ -613,8 +613,11 @@ pub fn excess(
     size: f64,
     g: &Matrix3<f64>,
 ) -> (f64, Matrix3<f64>) {
-    let (energy, stress) = difference(law, material, g);
     let Weight { w, slope, .. } = weight(threshold, size, g);
+    if w == 0.0 {
+        return (0.0, Matrix3::zeros());
+    }
+    let (energy, stress) = difference(law, material, g);
     (w * energy, stress * w + g * (slope * energy))
 }
 

@@ -86,6 +86,38 @@ def on_lines(mesh, lines):
     return np.stack([np.asarray(lines[k])[cell[:, k]] for k in range(3)], axis=1), tetrahedra
 
 
+def tube(inner, outer, height, cells):
+    """Round the z axis from z = 0: cells around (an even number), through the wall and along, six tetrahedra each."""
+    around, through, along = cells
+    nodes, tetrahedra = six((1, 1, 1), cells)
+    # The last plane of nodes is the first one again.
+    first = (through + 1) * (along + 1)
+    tetrahedra = tetrahedra % (first * around)
+    turn, share, z = nodes[: first * around].T
+    radius = inner + (outer - inner) * share
+    at = [radius * np.cos(2 * np.pi * turn), radius * np.sin(2 * np.pi * turn), height * z]
+    return oriented(np.stack(at, axis=1), tetrahedra)
+
+
+def in_a_row(mesh, count, distance):
+    """Copies of a mesh along x."""
+    nodes, tetrahedra = mesh
+    rows = np.arange(count)[:, None, None]
+    return (
+        (nodes + rows * [distance, 0, 0]).reshape(-1, 3),
+        (tetrahedra + rows * len(nodes)).reshape(-1, 4),
+    )
+
+
+def gmsh(nodes, tetrahedra):
+    """The text of a Gmsh file of version 2.2, coordinates in mm to a micrometre."""
+    rows = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", len(nodes)]
+    rows += [" ".join([str(k), *(f"{round(1e3 * x, 3) + 0.0:.3f}" for x in at)]) for k, at in enumerate(nodes, 1)]
+    rows += ["$EndNodes", "$Elements", len(tetrahedra)]
+    rows += [" ".join(map(str, [k, 4, 0, *own])) for k, own in enumerate((tetrahedra + 1).tolist(), 1)]
+    return "\n".join(map(str, [*rows, "$EndElements"])) + "\n"
+
+
 def tensor(size, cells):
     """A box by scikit-fem's own division of a cell."""
     mesh = MeshTet.init_tensor(*(np.linspace(0, s, n + 1) for s, n in zip(size, cells)))

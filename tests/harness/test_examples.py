@@ -4,11 +4,13 @@ import csv
 import json
 
 import meshes
+import nonlinear
 import numpy as np
 import oracle
 import pytest
 from conftest import ROOT
 from fmu import SIGNS, Fmu, Instance, settle
+from laws import kappa, lame
 from test_equilibrium import close
 
 EXAMPLES = sorted(
@@ -71,6 +73,55 @@ def test_the_plate_sags_further_with_each_stroke(command, tmp_path):
     same = [meshes.inside(nodes, x, x)[0] for x in rest]
     used = np.isin(same, left.used)
     close(found[used], u[same][used])
+
+
+def test_fibres_stiffen_tubes(command, tmp_path):
+    """Four tubes bend under the same forces as far as scikit-fem says; the mesh file is the one made here."""
+    scene, fmu = opened("fibre_tubes", command, tmp_path)
+    nodes, tetrahedra = meshes.in_a_row(meshes.tube(0.006, 0.010, 0.1, (12, 1, 16)), 4, 0.05)
+    assert (ROOT / "examples/fibre_tubes.msh").read_text() == meshes.gmsh(nodes, tetrahedra)
+    nodes = nodes.round(6)
+    plain, *fibrous = scene["materials"]
+    lam, mu = lame(plain["youngModulus"], plain["poissonRatio"])
+    kap, a0 = np.zeros(len(tetrahedra)), np.tile([0.0, 0.0, 1.0], (len(tetrahedra), 1))
+    for entry in fibrous:
+        mine = meshes.inside(meshes.centroids(nodes, tetrahedra), *entry["where"]["box"].values())
+        kap[mine] = kappa(lam, mu, entry["fibre"]["lambda"], entry["fibre"]["mu"])
+        a0[mine] = entry["fibre"]["direction"]
+    held, force = np.zeros(nodes.shape, bool), np.zeros(nodes.shape)
+    for entry in scene["fixed"]:
+        held[meshes.inside(nodes, *entry["box"].values())] = True
+    for entry in scene["loads"]:
+        force[meshes.inside(nodes, *entry["where"]["box"].values())] += entry["force"]
+    tissue = nonlinear.Material("stVenantKirchhoff", lam, mu, kap, a0)
+    truth = nonlinear.solve(nodes, tetrahedra, tissue, held, force=force, steps=4)
+    with Instance(fmu) as instance:
+        found = settle(instance, instance.positions())
+        shown = instance.get(*(n for n in fmu.reference if n.startswith("surface.node[")))
+    assert sorted(shown) == list(range(len(nodes)))
+    close(found, truth.displacement[shown])
+    ring = np.abs(nodes[:, 2] - 0.075) < 1e-9
+    bent = [truth.displacement[ring & (np.abs(nodes[:, 0] - at) < 0.02), 0].mean() for at in (0, 0.05, 0.1, 0.15)]
+    print("deflections in mm", np.round(1e3 * np.array(bent), 2))
+    assert (np.diff(bent) < 0).all()
+
+
+def test_update_rate_while_cutting(command, tmp_path):
+    """The papers' figure 11: `run --rates` says how fast a cut under tension runs; prints it, asserts no speed."""
+    path = ROOT / "examples/cut_while_pulled"
+    done = command("run", f"{path}.json", "--motion", f"{path}.csv", "--rates", "-o", tmp_path)
+    assert done.returncode == 0, done.stderr
+    tables = {}
+    for name in ("results", "rates"):
+        with open(tmp_path / f"{name}.csv") as file:
+            tables[name] = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+    last, rates = tables["results"][-1], tables["rates"]
+    print("\n" + (tmp_path / "rates.csv").read_text())
+    assert last["topology.pieces"] == 2
+    assert len(rates) == 38 and rates[-1]["time"] == pytest.approx(3.8)
+    assert sum(row["substeps"] for row in rates) == last["diagnostics.substeps"]
+    assert rates[-1]["removedTetrahedra"] == last["topology.removedTetrahedra"] > 50
+    assert all(0 < row["longestStep"] <= row["seconds"] for row in rates)
 
 
 def motion_of(name):

@@ -9,6 +9,7 @@ use crate::drive::Host;
 use crate::error::Error;
 use crate::motion::Motion;
 use crate::pack::pack;
+use crate::rates;
 use crate::recorder::{Series, SurfaceReader, Table};
 
 /// Frames for ParaView, at most.
@@ -19,6 +20,7 @@ pub fn run(
     motion: Option<&Path>,
     stop: Option<f64>,
     step: Option<f64>,
+    with_rates: bool,
     output: &Path,
 ) -> Result<(), Error> {
     let positive = |name: &str, value: Option<f64>| match value {
@@ -67,12 +69,15 @@ pub fn run(
     table.record(&host)?;
     let progress = bar(steps, "simulating");
     let start = Instant::now();
+    let mut each = Vec::new();
     for k in 1..=steps {
         let end = (k as f64 * step).min(stop);
         if let Some(motion) = &motion {
             motion.apply(&host, host.time(), end)?;
         }
+        let begun = Instant::now();
         host.step_to(end)?;
+        each.push(begun.elapsed().as_secs_f64());
         table.record(&host)?;
         if k % every == 0 || k == steps {
             series.add(end, &reader.read(&host)?)?;
@@ -84,6 +89,9 @@ pub fn run(
     host.finish()?;
     let results = output.join("results.csv");
     table.write(&results)?;
+    if with_rates {
+        rates::write(&output.join("rates.csv"), &rates::rates(&table, &each))?;
+    }
     series.finish()?;
     say(&format!(
         "{}: {steps} steps of {} ms in {seconds:.2} s, {:.1} times real time",
