@@ -198,7 +198,7 @@ fn large_deformation() {
         ),
     ] {
         let text = LIVER
-            .replace(r#""edgeLength": 0.015"#, r#""edgeLength": 0.0235"#)
+            .replace(r#""edgeLength": 0.015"#, r#""edgeLength": 0.0225"#)
             .replacen(r#""start""#, &format!(r#""model": {settings}, "start""#), 1);
         let count = model(&text).shape.len();
         do_step(&format!("liver of {count} {what}"), &text, 1e-3);
