@@ -113,7 +113,7 @@ impl LiveMesh {
             }
         });
         if let Some(elements) = &mut elements {
-            elements.set_penalty(model.penalty());
+            elements.set_penalty(model.scene_penalty());
         }
         let is_linear = springs.is_none() && elements.is_none();
         let tensors = match is_linear {
@@ -317,7 +317,11 @@ impl LiveMesh {
         }
     }
 
-    /// Volume penalty \[Pa\], where there are elements.
+    /// Volume penalty \[Pa\], which only elements have.
+    pub fn penalty(&self) -> f64 {
+        self.elements.as_ref().map_or(0.0, Elements::penalty)
+    }
+
     pub fn set_penalty(&mut self, penalty: f64) {
         if let Some(elements) = &mut self.elements {
             elements.set_penalty(penalty);
@@ -333,8 +337,7 @@ impl LiveMesh {
 
     /// Of tetrahedron `t`, with the present volume penalty.
     pub fn material(&self, model: &Model, t: usize) -> Hooke {
-        let penalty = self.elements.as_ref().map_or(0.0, Elements::penalty);
-        model.material(t).law.with_penalty(penalty)
+        model.material(t).law.with_penalty(self.penalty())
     }
 
     /// Those on the nodes of whole pieces, which `to` gets.

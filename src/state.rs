@@ -138,7 +138,7 @@ impl State {
                 .tearing
                 .as_ref()
                 .map_or(f64::INFINITY, |t| t.threshold),
-            incompressibility: model.penalty(),
+            incompressibility: model.whole.penalty(),
             incompressibility_set: false,
             nonlinear_threshold: model.scene.model.nonlinear_threshold,
             nonlinear_threshold_set: false,

@@ -464,6 +464,21 @@ fn volume_penalties_are_tunable() {
     }
 }
 
+/// "bulkModulus" is lambda + 2 mu/3, also as the start value of the parameter.
+#[test]
+fn a_penalty_may_be_the_bulk_modulus() {
+    let text = bar_scene("stVenantKirchhoff", "").replacen(
+        r#""element""#,
+        r#""incompressibility": "bulkModulus", "element""#,
+        1,
+    );
+    let s = common::simulation(&text);
+    let bulk = 50_000.0 / (3.0 * (1.0 - 2.0 * 0.4));
+    assert!((s.parameters().incompressibility / bulk - 1.0).abs() < 1e-12);
+    let plain = common::simulation(&bar_scene("stVenantKirchhoff", ""));
+    assert!(s.critical_substep() < 0.9 * plain.critical_substep());
+}
+
 /// After any history the elements are those of a fresh start with what is left.
 fn fresh_elements_are_the_same(model: &Model, s: &tissue::simulation::Simulation) {
     let live = &s.state().live;

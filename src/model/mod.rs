@@ -451,7 +451,7 @@ impl Model {
             let nodes = &self.mesh.tetrahedra[*t];
             nodes.iter().any(|v| (*v as usize) < moving)
         };
-        let penalty = self.penalty();
+        let penalty = live.penalty();
         let element_bound = (0..self.shape.len())
             .filter(bounds)
             .map(|t| {
@@ -547,14 +547,14 @@ impl Model {
             return 1.0;
         };
         let each = self.materials.iter().map(|m| {
-            let at_rest = m.law.with_penalty(self.penalty());
+            let at_rest = m.law.with_penalty(self.whole.penalty());
             law.stiffening(&at_rest, &m.law.with_penalty(penalty), extent)
         });
         each.fold(1.0, f64::max)
     }
 
-    /// Volume penalty k at the start \[Pa\].
-    pub fn penalty(&self) -> f64 {
+    /// The scene's volume penalty k \[Pa\].
+    pub(crate) fn scene_penalty(&self) -> f64 {
         match self.scene.model.incompressibility {
             Incompressibility::Pressure(penalty) => penalty,
             Incompressibility::BulkModulus => {

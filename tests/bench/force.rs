@@ -148,43 +148,25 @@ fn main() {
         run(8, &mut || {
             black_box(averaged_hookean.add_forces(&u, &mut out));
         });
-        run(9, &mut || {
+        let mut substep = |partial: &mut [Lane]| {
             let mut motion = Motion {
                 displacement: &mut w,
                 velocity: &mut v,
                 residual: &mut residual,
-                partial: &mut partial,
+                partial,
                 external: &zeros,
                 inverse_mass: &zeros,
                 mass: &model.whole.mass[..n],
                 listed: None,
             };
-            black_box(sweep(
-                &model.pattern,
-                &model.whole.tensors,
-                &mut motion,
-                &by,
-            ));
-        });
+            let tensors = &model.whole.tensors;
+            black_box(sweep(&model.pattern, tensors, &mut motion, &by));
+        };
+        run(9, &mut || substep(&mut partial));
         run(10, &mut || {
             listed.refresh(&blend, 0, &poked);
             black_box(blend.add_forces(Some(&listed), &poked, &mut partial));
-            let mut motion = Motion {
-                displacement: &mut w,
-                velocity: &mut v,
-                residual: &mut residual,
-                partial: &mut partial,
-                external: &zeros,
-                inverse_mass: &zeros,
-                mass: &model.whole.mass[..n],
-                listed: None,
-            };
-            black_box(sweep(
-                &model.pattern,
-                &model.whole.tensors,
-                &mut motion,
-                &by,
-            ));
+            substep(&mut partial);
         });
         run(11, &mut || {
             black_box(polynomial.add_forces(&u, &mut out));
