@@ -473,7 +473,7 @@ pub(crate) fn watch(
 ) -> Result<(), StepError> {
     check_inversion(model, state, &sums.extent)?;
     let critical = || critical_at(model, state, &sums.extent);
-    if tick && model.law().is_some() && state.clock.substep > critical() {
+    if tick && model.is_nonlinear() && state.clock.substep > critical() {
         return Err(StepError::Unstable(state.clock.substep, critical()));
     }
     let elastic = 0.5 * sums.elastic;

@@ -405,10 +405,12 @@ impl Kernel for NodalAveraged {
                 let (mut stress, mut energy) = R::respond(&point, parameters);
                 if EXTRA {
                     let a0 = lanes::load3(&group.direction);
-                    point.add_fibre(a0, V::load(&group.kappa), &mut stress, &mut energy);
+                    R::add_fibre(&point, a0, V::load(&group.kappa), &mut stress, &mut energy);
                     volume_penalty::add(&point, penalty, &mut stress, &mut energy);
                 }
-                reach.include(&point);
+                if !R::IS_LINEAR {
+                    reach.include(&point);
+                }
                 let c = V::load(&group.hourglass);
                 let square = lanes::dot(g[0], g[0])
                     .add(lanes::dot(g[1], g[1]))

@@ -402,10 +402,12 @@ impl Kernel for Evaluation<'_> {
                 let parameters = [V::load(&group.parameters[0]), V::load(&group.parameters[1])];
                 let (mut stress, mut own) = R::respond(&point, parameters);
                 if EXTRA {
-                    each.add_extra(k, &point, &mut stress, &mut own);
+                    each.add_extra::<V, R>(k, &point, &mut stress, &mut own);
                 }
                 energy = energy.add(own);
-                reach.include(&point);
+                if !R::IS_LINEAR {
+                    reach.include(&point);
+                }
                 let mut pressure = [0.0; 4];
                 for points in &corners.point {
                     for lane in 0..4 {

@@ -69,6 +69,7 @@ impl Model {
             // Who gives a substep asks for what takes it.
             None if integration.substep.is_some()
                 || self.has_guyan_mass()
+                || self.law().is_some()
                 || !self.is_quadratic() =>
             {
                 Ok(Scheme::SymplecticEuler)

@@ -9,7 +9,6 @@ use super::types::*;
 /// `PATH: WHAT is not available in this version; INSTEAD` for the first such thing.
 pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     let model = &scene.model;
-    let nonlinear = model.elasticity != Elasticity::Linear;
     let element = model.element();
     let adaptive = model.nonlinear_threshold > 0.0;
     let penalised = model.incompressibility != Incompressibility::Pressure(0.0);
@@ -30,7 +29,6 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
         (settled, text("start"), format!("{} with {}", word(&scene.start), word(&model.kind)), "use rest"),
         (adaptive && polynomial, text("model.form"), format!("{} with a non-linear threshold", word(&model.form)), "use perTetrahedron"),
         ((adaptive || polynomial) && penalised, text("model.incompressibility"), format!("a volume penalty with {}", if polynomial {"polynomial"} else {"a non-linear threshold"}), "use 0"),
-        (shares && !nonlinear, text("model.element"), format!("{} with linear elasticity", word(&element)), "use constantStrain"),
         (shares && splits, text("cutting.rule"), format!("duplicate with {}", word(&element)), "use remove"),
         (polynomial && splits, text("cutting.rule"), format!("duplicate with {}", word(&model.form)), "use remove"),
         (!format.eq_ignore_ascii_case("msh"), text("mesh.file"), format!("the mesh format .{format}"), "use .msh"),
@@ -110,6 +108,18 @@ fn unsuited(scene: &Scene) -> Result<(), SceneError> {
             format!("implicitEuler needs a linear model; {law} must have another scheme"),
         ));
     }
+    let element = scene.model.element();
+    if scheme == Some(Scheme::ImplicitEuler) && element != Element::ConstantStrain {
+        // Its factor is renewed tetrahedron by tetrahedron.
+        return Err(SceneError::at(
+            "",
+            "integration.scheme",
+            format!(
+                "implicitEuler needs constantStrain; {} must have another scheme",
+                word(&element)
+            ),
+        ));
+    }
     let penalised = scene.model.incompressibility != Incompressibility::Pressure(0.0);
     if penalised && !nonlinear {
         return Err(SceneError::at(
@@ -124,6 +134,13 @@ fn unsuited(scene: &Scene) -> Result<(), SceneError> {
             "",
             "model.elasticity",
             "springMass has a law of its own; must be linear",
+        ));
+    }
+    if springs && element != Element::ConstantStrain {
+        return Err(SceneError::at(
+            "",
+            "model.element",
+            "springMass has edges alone; must be constantStrain",
         ));
     }
     if scene.model.kind == ModelKind::QuasiStatic && nonlinear {
