@@ -89,6 +89,7 @@ impl LiveMesh {
         let mut elements = uniform.map(|law| model.elements(law, true));
         if let Some(elements) = &mut elements {
             elements.set_penalty(model.scene_penalty());
+            elements.reserve(model.parts.spares, model.pattern.spare_places());
         }
         let is_linear = springs.is_none() && elements.is_none();
         let tensors = match is_linear {
@@ -487,6 +488,9 @@ impl LiveMesh {
         if let Some(springs) = &mut self.springs {
             springs.open(&self.around, &self.rest);
         }
+        if let Some(elements) = &mut self.elements {
+            elements.open(new, node);
+        }
         let header = [self.removed.len() as u32, node, moved.len() as u32];
         self.splits.extend(header.iter().chain(moved));
         self.revision += 1;
@@ -649,7 +653,10 @@ impl LiveMesh {
             Some(Elements::NodalAveraged(own, _)) => own,
         };
         let star = model.topology.star(origin).iter();
-        let left = star.filter(|t| self.alive[**t as usize] && model.parts.dynamic[**t as usize]);
+        let left = star.filter(|t| {
+            let t = **t as usize;
+            self.alive[t] && model.parts.dynamic[t] && self.tetrahedra[t].contains(&node)
+        });
         let tissue = left.map(|t| {
             let t = *t as usize;
             (
@@ -658,7 +665,7 @@ impl LiveMesh {
                 model.material_number(t),
             )
         });
-        own.sum_again(node, model.scene.model.hourglass, tissue);
+        own.sum_again(node, tissue);
     }
 
     /// The tensor of a node, of those of its edges; its mass.
@@ -728,6 +735,18 @@ impl LiveMesh {
         live.replay(model, removed, splits);
         live.pieces = live.whole_pieces(model);
         live
+    }
+
+    /// Nodes that have been split, from a place in the list of splits on.
+    pub(crate) fn split_nodes(&self, from: usize) -> impl Iterator<Item = u32> + '_ {
+        let mut rest = &self.splits[from..];
+        std::iter::from_fn(move || {
+            let [_, node, count, later @ ..] = rest else {
+                return None;
+            };
+            rest = &later[*count as usize..];
+            Some(*node)
+        })
     }
 
     /// The part of the splits that came before the first so many removals were complete.
@@ -800,6 +819,11 @@ impl LiveMesh {
         if let Some(pattern) = &mut self.pattern {
             pattern.reserve();
             self.splits.reserve(4 * model.mesh.tetrahedra.len());
+        }
+        if let Some(elements) = &mut self.elements {
+            let spares = self.pattern.as_ref().map(|p| (p.first, p.spare_places()));
+            let (vertices, neighbours) = spares.unwrap_or_default();
+            elements.reserve(vertices, neighbours);
         }
         self.around.reserve(12 * model.mesh.tetrahedra.len());
         self.edges.reserve(18 * model.mesh.tetrahedra.len());

@@ -375,7 +375,9 @@ fn all_that_is_done_to_tissue() {
                 ("remove", "constantStrain"),
                 ("duplicate", "constantStrain"),
                 ("remove", "nodalPressure"),
+                ("duplicate", "nodalPressure"),
                 ("remove", "nodalAveraged"),
+                ("duplicate", "nodalAveraged"),
             ] {
                 let text = bar_scene(
                     law,

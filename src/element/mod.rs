@@ -99,9 +99,30 @@ impl Elements {
         }
     }
 
-    /// Gives a tetrahedron other nodes, which none has where vertices have points.
+    /// Gives a tetrahedron other nodes. Points are to be summed again.
     pub(crate) fn rename(&mut self, t: usize, nodes: &[u32; 4]) {
-        self.tetrahedra_mut().rename(t, nodes);
+        match self {
+            Elements::NodalPressure(own) => own.rename(t, nodes),
+            _ => self.tetrahedra_mut().rename(t, nodes),
+        }
+    }
+
+    /// Readies a vertex that a cut makes of another.
+    pub(crate) fn open(&mut self, new: u32, from: u32) {
+        match self {
+            Elements::ConstantStrain(_) | Elements::Polynomial(..) => {}
+            Elements::NodalPressure(own) => own.open(new, from),
+            Elements::NodalAveraged(own, _) => own.open(new, from),
+        }
+    }
+
+    /// Room for so many vertices that cuts make, which have so many neighbours in all: none allocates.
+    pub(crate) fn reserve(&mut self, vertices: usize, neighbours: usize) {
+        match self {
+            Elements::ConstantStrain(_) | Elements::Polynomial(..) => {}
+            Elements::NodalPressure(own) => own.reserve(vertices),
+            Elements::NodalAveraged(own, _) => own.reserve(vertices, neighbours),
+        }
     }
 
     /// How many numbers [`Elements::add_forces`] needs room for.

@@ -46,22 +46,56 @@ struct Group {
 #[repr(C, align(32))]
 struct Entry([f64; 4]);
 
-/// Points in the order of their vertices.
-#[derive(Clone, Debug, PartialEq)]
+/// Points in the order of their vertices; those of vertices that cuts have made behind them.
+#[derive(Clone, Debug)]
 pub struct NodalAveraged {
     pub law: Law,
+    /// c \[1\]
+    hourglass: f64,
     has_fibre: bool,
     /// k of [`crate::law::volume_penalty`] \[Pa\]; the materials' own do not count.
     pub penalty: f64,
     group: Vec<Group>,
-    /// A place of a group each: the vertex; its entries are `start[p]..start[p + 1]`, with D_jj in the first.
+    /// A place of a group each: the vertex; its entries are `start[p]..end[p]`, with D_jj in the first.
     node: Vec<u32>,
     start: Vec<u32>,
+    end: Vec<u32>,
     column: Vec<u32>,
     entry: Vec<Entry>,
-    /// A point each: its material, and what the scene counts that as.
+    /// A point each: its material, what the scene counts that as, and how many entries it has room for.
     material: Vec<Hooke>,
     number: Vec<u32>,
+    room: Vec<u32>,
+    /// A vertex each: the first of its points, and past the last.
+    range: Vec<[u32; 2]>,
+    /// Scratch, left empty.
+    around: Vec<u32>,
+}
+
+/// Where entries are is of no account.
+impl PartialEq for NodalAveraged {
+    fn eq(&self, other: &NodalAveraged) -> bool {
+        let row = |of: &NodalAveraged, p: usize| {
+            let row = of.row(p);
+            (of.column[row.clone()].to_vec(), of.entry[row].to_vec())
+        };
+        (self.law, self.hourglass, self.has_fibre, self.penalty)
+            == (other.law, other.hourglass, other.has_fibre, other.penalty)
+            && (
+                &self.group,
+                &self.node,
+                &self.material,
+                &self.number,
+                &self.range,
+            ) == (
+                &other.group,
+                &other.node,
+                &other.material,
+                &other.number,
+                &other.range,
+            )
+            && (0..self.node.len()).all(|p| row(self, p) == row(other, p))
+    }
 }
 
 /// What a tetrahedron adds to its corner j for its corner k.
@@ -98,42 +132,48 @@ impl NodalAveraged {
         // Stable: sums in the order of the tetrahedra.
         pairs.sort_by_key(|(node, number, other, _)| (*node, *number, other != node, *other));
         volumes.sort_by_key(|(node, number, ..)| (*node, *number));
+        let nodes = tetrahedra.iter().flatten().max().map_or(0, |v| v + 1);
         let mut made = NodalAveraged {
             law,
+            hourglass: c,
             has_fibre: volumes.iter().any(|(.., m)| m.fibre.is_some()),
             penalty: 0.0,
             group: Vec::new(),
             node: Vec::new(),
-            start: vec![0],
+            start: Vec::new(),
+            end: Vec::new(),
             column: Vec::new(),
             entry: Vec::new(),
             material: Vec::new(),
             number: Vec::new(),
+            room: Vec::new(),
+            range: vec![[0; 2]; nodes as usize],
+            around: Vec::new(),
         };
-        for point in volumes.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
-            let volume: f64 = point.iter().map(|p| p.2).sum();
-            made.add_point(point[0].0, volume, &point[0].3, c);
-            made.number.push(point[0].1);
-        }
         let points = pairs.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1));
-        for point in points {
+        let same = volumes.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1));
+        for (point, own) in points.zip(same) {
+            let volume: f64 = own.iter().map(|p| p.2).sum();
+            let p = made.add_point(own[0].0, volume, &own[0].3, own[0].1);
             for entries in point.chunk_by(|a, b| a.2 == b.2) {
                 made.column.push(entries[0].2);
                 let sum = |axis: usize| entries.iter().map(|e| e.3.0[axis]).sum::<f64>();
                 made.entry.push(Entry([sum(0), sum(1), sum(2), sum(3)]));
             }
-            made.start.push(made.column.len() as u32);
-        }
-        while !made.node.len().is_multiple_of(4) {
-            made.node.push(made.node.last().copied().unwrap_or(0));
-            made.start.push(made.column.len() as u32);
+            made.end[p] = made.column.len() as u32;
+            made.room[p] = made.end[p] - made.start[p];
         }
         made
     }
 
-    fn add_point(&mut self, node: u32, volume: f64, material: &Hooke, c: f64) {
-        let lane = self.node.len() % 4;
+    /// Its place; without entries.
+    fn add_point(&mut self, node: u32, volume: f64, material: &Hooke, number: u32) -> usize {
+        let p = self.material.len();
+        let lane = p % 4;
         if lane == 0 {
+            self.node.extend([node; 4]);
+            self.start.extend([0; 4]);
+            self.end.extend([0; 4]);
             self.group.push(Group {
                 parameters: Default::default(),
                 volume: Default::default(),
@@ -143,27 +183,66 @@ impl NodalAveraged {
                 kappa: Default::default(),
             });
         }
-        self.node.push(node);
+        // What is left of the group is no point yet.
+        self.node[p..].fill(node);
+        self.start[p] = self.column.len() as u32;
+        self.end[p] = self.start[p];
         self.material.push(*material);
-        let Some(group) = self.group.last_mut() else {
-            return;
-        };
+        self.number.push(number);
+        self.room.push(0);
+        let range = &mut self.range[node as usize];
+        if range[1] == 0 {
+            range[0] = p as u32;
+        }
+        range[1] = p as u32 + 1;
+        let group = &mut self.group[p / 4];
         let [first, second] = parameters(self.law, material);
         group.parameters[0][lane] = first;
         group.parameters[1][lane] = second;
         group.volume[lane] = volume;
-        group.inverse[lane] = 1.0 / volume;
-        group.hourglass[lane] = c * material.mu;
+        group.inverse[lane] = if volume > 0.0 { 1.0 / volume } else { 0.0 };
+        group.hourglass[lane] = self.hourglass * material.mu;
         if let Some(fibre) = &material.fibre {
             for axis in 0..3 {
                 group.direction[axis][lane] = fibre.direction[axis];
             }
             group.kappa[lane] = fibre.kappa;
         }
+        p
+    }
+
+    /// Gives a vertex that a cut makes points as another has, with nothing in them yet.
+    pub(crate) fn open(&mut self, new: u32, from: u32) {
+        for p in self.points_of(from) {
+            let (material, number) = (self.material[p], self.number[p]);
+            self.add_point(new, 0.0, &material, number);
+        }
+    }
+
+    /// Room for so many vertices that cuts make, which have so many neighbours in all: none allocates. A row that
+    /// outgrows its place gets one of twice the size, so that four times what there ever was is enough.
+    pub(crate) fn reserve(&mut self, vertices: usize, neighbours: usize) {
+        let most = self.range.iter().map(|[from, to]| to - from).max();
+        let each = most.unwrap_or(0) as usize;
+        let points = each * vertices;
+        self.group.reserve(points / 4 + 1);
+        self.material.reserve(points);
+        self.number.reserve(points);
+        self.room.reserve(points);
+        for places in [&mut self.node, &mut self.start, &mut self.end] {
+            places.reserve(points + 4);
+        }
+        if vertices > 0 {
+            let entries = 3 * self.column.len() + 6 * each * neighbours;
+            self.column.reserve(entries);
+            self.entry.reserve(entries);
+        }
+        let longest = self.room.iter().max().copied().unwrap_or(0) as usize;
+        self.around.reserve(16 * longest);
     }
 
     fn row(&self, p: usize) -> std::ops::Range<usize> {
-        self.start[p] as usize..self.start[p + 1] as usize
+        self.start[p] as usize..self.end[p] as usize
     }
 
     fn volume(&self, p: usize) -> f64 {
@@ -196,10 +275,8 @@ impl NodalAveraged {
 
     /// Places p of points of a vertex.
     fn points_of(&self, node: u32) -> std::ops::Range<usize> {
-        let count = self.material.len();
-        let from = self.node[..count].partition_point(|v| *v < node);
-        let to = self.node[..count].partition_point(|v| *v <= node);
-        from..to
+        let [from, to] = self.range[node as usize];
+        from as usize..to as usize
     }
 
     /// dW/du_i \[N\], alone: for the few vertices whose reaction is wanted.
@@ -259,29 +336,26 @@ impl NodalAveraged {
         (energy, power)
     }
 
-    /// Sums the points of a vertex again over what is left of its star, in the order of a fresh start: `star` gives nodes, shape and
-    /// number of the material.
+    /// Sums the points of a vertex again over what is left of its star, in the order of a fresh start, which it equals:
+    /// `star` gives nodes, shape and number of the material.
     pub(crate) fn sum_again<'a>(
         &mut self,
         node: u32,
-        c: f64,
         star: impl Iterator<Item = (&'a [u32; 4], &'a Shape, u32)> + Clone,
     ) {
         for p in self.points_of(node) {
-            let row = self.row(p);
-            for entry in &mut self.entry[row.clone()] {
-                *entry = Entry::default();
-            }
             let (material, number) = (self.material[p], self.number[p]);
+            let star = star.clone().filter(|(.., own)| *own == number);
+            let row = self.renew_row(p, star.clone().flat_map(|(nodes, ..)| *nodes));
             let mut volume = 0.0;
-            for (nodes, shape, _) in star.clone().filter(|(.., own)| *own == number) {
+            for (nodes, shape, _) in star {
                 volume += shape.volume / 4.0;
                 let own = nodes.iter().position(|v| *v == node).unwrap_or(0);
                 for (k, other) in nodes.iter().enumerate() {
                     let Some(at) = row.clone().find(|at| self.column[*at] == *other) else {
                         continue;
                     };
-                    let Entry(add) = entry(shape, &material, c, own, k);
+                    let Entry(add) = entry(shape, &material, self.hourglass, own, k);
                     for (sum, add) in self.entry[at].0.iter_mut().zip(add) {
                         *sum += add;
                     }
@@ -293,11 +367,45 @@ impl NodalAveraged {
         }
     }
 
+    /// Gives a point these neighbours, itself among them, and entries of zero.
+    fn renew_row(
+        &mut self,
+        p: usize,
+        neighbours: impl Iterator<Item = u32>,
+    ) -> std::ops::Range<usize> {
+        let own = self.node[p];
+        self.around.extend(neighbours);
+        self.around.sort_unstable_by_key(|v| (*v != own, *v));
+        self.around.dedup();
+        let count = self.around.len();
+        if count > self.room[p] as usize {
+            self.start[p] = self.column.len() as u32;
+            self.room[p] = 2 * count as u32;
+            let end = self.column.len() + 2 * count;
+            self.column.resize(end, own);
+            self.entry.resize(end, Entry::default());
+        }
+        self.end[p] = self.start[p] + count as u32;
+        let row = self.row(p);
+        self.column[row.clone()].copy_from_slice(&self.around);
+        self.entry[row.clone()].fill(Entry::default());
+        self.around.clear();
+        row
+    }
+
     /// Keeps the room that there is.
     pub(crate) fn copy_from(&mut self, other: &NodalAveraged) {
-        self.group.clone_from(&other.group);
         self.penalty = other.penalty;
+        self.group.clone_from(&other.group);
+        self.node.clone_from(&other.node);
+        self.start.clone_from(&other.start);
+        self.end.clone_from(&other.end);
+        self.column.clone_from(&other.column);
         self.entry.clone_from(&other.entry);
+        self.material.clone_from(&other.material);
+        self.number.clone_from(&other.number);
+        self.room.clone_from(&other.room);
+        self.range.clone_from(&other.range);
     }
 
     /// Second derivatives of W \[N/m\]: parts (i, j, block) of the upper half.
@@ -344,6 +452,7 @@ impl NodalAveraged {
             + size_of_val(&self.column[..])
             + size_of_val(&self.node[..])
             + size_of_val(&self.start[..])
+            + size_of_val(&self.end[..])
     }
 }
 
@@ -377,7 +486,7 @@ impl Kernel for NodalAveraged {
                     let own = *self.node.get_unchecked(p) as usize;
                     let u_j = V::load(&u.get_unchecked(own).0);
                     let (mut x, mut y, mut z, mut hourglass) = (zero, zero, zero, zero);
-                    let end = *self.start.get_unchecked(p + 1) as usize;
+                    let end = *self.end.get_unchecked(p) as usize;
                     for at in *self.start.get_unchecked(p) as usize..end {
                         let other = *self.column.get_unchecked(at) as usize;
                         let [d0, d1, d2, l] = self.entry.get_unchecked(at).0;
@@ -431,7 +540,7 @@ impl Kernel for NodalAveraged {
                 let z = V::transpose([q[0][2], q[1][2], q[2][2], zero]);
                 for lane in 0..4 {
                     let p = 4 * k + lane;
-                    let end = *self.start.get_unchecked(p + 1) as usize;
+                    let end = *self.end.get_unchecked(p) as usize;
                     for at in *self.start.get_unchecked(p) as usize..end {
                         let other = *self.column.get_unchecked(at) as usize;
                         let [d0, d1, d2, _] = self.entry.get_unchecked(at).0;

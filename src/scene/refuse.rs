@@ -9,11 +9,8 @@ use super::types::*;
 /// `PATH: WHAT is not available in this version; INSTEAD` for the first such thing.
 pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     let model = &scene.model;
-    let element = model.element();
     let adaptive = model.nonlinear_threshold > 0.0;
     let penalised = model.incompressibility != Incompressibility::Pressure(0.0);
-    // A vertex has what its tetrahedra share.
-    let shares = element != Element::ConstantStrain;
     let polynomial = model.form == Form::Polynomial;
     let splits = scene.cutting.rule == CutRule::Duplicate;
     let format = match &scene.mesh {
@@ -29,7 +26,6 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
         (settled, text("start"), format!("{} with {}", word(&scene.start), word(&model.kind)), "use rest"),
         (adaptive && polynomial, text("model.form"), format!("{} with a non-linear threshold", word(&model.form)), "use perTetrahedron"),
         ((adaptive || polynomial) && penalised, text("model.incompressibility"), format!("a volume penalty with {}", if polynomial {"polynomial"} else {"a non-linear threshold"}), "use 0"),
-        (shares && splits, text("cutting.rule"), format!("duplicate with {}", word(&element)), "use remove"),
         (polynomial && splits, text("cutting.rule"), format!("duplicate with {}", word(&model.form)), "use remove"),
         (!format.eq_ignore_ascii_case("msh"), text("mesh.file"), format!("the mesh format .{format}"), "use .msh"),
     ];
