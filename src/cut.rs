@@ -1,6 +1,6 @@
 //! Cutting: tetrahedra go, and the account books what goes with them.
 
-use crate::contact::geometry::{Capsule, boxes_meet};
+use crate::contact::geometry::boxes_meet;
 use crate::contact::hold::{self, Held, Released};
 use crate::loose;
 use crate::model::Model;
@@ -205,9 +205,7 @@ pub fn spares(model: &Model, state: &State, k: usize) -> bool {
     if model.parts.touchable == 0 {
         return false;
     }
-    let tool = &model.scene.tools[k];
-    let capsule = Capsule::of(&tool.shape, &state.tools[k].pose, tool.active_length);
-    let (low, high) = capsule.bounds(0.0);
+    let shape = model.tools[k].active_at(&state.tools[k].pose);
     state.live.surface.iter().any(|face| {
         let vertices = state.live.triangle(model, *face);
         let [first, second] = model.topology.faces[*face as usize].tetrahedra;
@@ -220,6 +218,9 @@ pub fn spares(model: &Model, state: &State, k: usize) -> bool {
             return false;
         }
         let corners = vertices.map(|v| state.position(v));
-        boxes_meet(&corners, &low, &high) && capsule.touches(&corners)
+        shape.clone().any(|capsule| {
+            let (low, high) = capsule.bounds(0.0);
+            boxes_meet(&corners, &low, &high) && capsule.touches(&corners)
+        })
     })
 }

@@ -233,8 +233,7 @@ fn each_mistake_has_its_line() {
         ("/cutting/spareVertices", "100", "cutting.spareVertices: only duplicate makes vertices; cutting.rule must be duplicate"),
         ("/cutting/spareVertices", "0", "cutting.spareVertices: found the number 0; must be a whole number, 1 or more"),
         ("/mesh", r#"{"file": "liver.vtu"}"#, "mesh.file: the mesh format .vtu is not available in this version; use .msh"),
-        ("/tools/0/shape", r#"{"compound": [{"shape": {"sphere": {"radius": 0.01}}}]}"#, "tools[0].shape.compound: a compound shape is not available in this version; use sphere or capsule"),
-        ("/tools/0/friction", "0.3", r#"tools[0].friction: a Coulomb coefficient is not available in this version; use "stick""#),
+        ("/tools/0/friction", "0.3", r#"tools[0].friction: belongs to what pushes; a grasper holds, and must have "stick""#),
         ("/tools/1/slipForce", "2", "tools[1].slipForce: a slip force is not available in this version; use null"),
     ];
     assert!(table.len() >= 60);

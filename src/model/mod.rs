@@ -18,6 +18,7 @@ pub mod store;
 pub mod sweep;
 pub mod tensor_mass;
 
+use crate::contact::shape::ToolShape;
 use crate::element::Elements;
 use crate::element::constant_strain::Shape;
 use crate::element::tetrahedra::{self, Extent};
@@ -140,6 +141,8 @@ pub struct Model {
     pub is_pinched: bool,
     /// By time.
     pub cuts: Vec<ScriptedCut>,
+    /// One each.
+    pub tools: Vec<ToolShape>,
     /// Nodes shown as `surface.vertex`, ascending by scene number.
     pub surface_nodes: Vec<u32>,
     /// Longest rest edge \[m\].
@@ -256,6 +259,7 @@ impl Model {
             rigid_modes: 0,
             is_pinched: false,
             cuts,
+            tools: scene.tools.iter().map(ToolShape::new).collect(),
             surface_nodes: Vec::new(),
             longest_edge,
             mean_edge,

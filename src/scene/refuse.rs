@@ -20,6 +20,7 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     let text = |path: &str| path.to_string();
     // The equilibrium of springs is no linear system.
     let springs = model.kind == ModelKind::SpringMass;
+    let inside = matches!(model.kind, ModelKind::QuasiStatic | ModelKind::Hybrid);
     let settled = springs && scene.start == Start::Equilibrium;
     #[rustfmt::skip]
     let mut table = vec![
@@ -31,14 +32,11 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     ];
     for (i, tool) in scene.tools.iter().enumerate() {
         let path = |key: &str| format!("tools[{i}].{key}");
-        let (compound, slips) = (
-            matches!(tool.shape, Shape::Compound(_)),
-            tool.slip_force.is_some(),
-        );
+        let slips = tool.slip_force.is_some();
+        let slides = tool.friction != Friction::Stick;
         #[rustfmt::skip]
         table.extend([
-            (compound, path("shape.compound"), text("a compound shape"), "use sphere or capsule"),
-            (tool.friction != Friction::Stick, path("friction"), text("a Coulomb coefficient"), "use \"stick\""),
+            (slides && inside, path("friction"), text("a Coulomb coefficient with pre-computed tissue"), "use \"stick\""),
             (slips, path("slipForce"), text("a slip force"), "use null"),
         ]);
     }
@@ -125,6 +123,10 @@ fn unsuited(scene: &Scene) -> Result<(), SceneError> {
         ));
     }
     adapted(&scene.model, scene.start)?;
+    for (k, tool) in scene.tools.iter().enumerate() {
+        rubs(tool, scheme)
+            .map_err(|what| SceneError::at("", format!("tools[{k}].friction"), what))?;
+    }
     if springs && nonlinear {
         return Err(SceneError::at(
             "",
@@ -167,6 +169,22 @@ fn unsuited(scene: &Scene) -> Result<(), SceneError> {
         return Err(SceneError::at("", "integration.damping", EULER_UNDAMPED));
     }
     Ok(())
+}
+
+/// Where there is no friction coefficient.
+fn rubs(tool: &Tool, scheme: Option<Scheme>) -> Result<(), String> {
+    let staggered = [Scheme::SymplecticEuler, Scheme::CentralDifference];
+    match (tool.friction, tool.kind, scheme) {
+        (Friction::Stick, ..) => Ok(()),
+        (_, ToolKind::Grasper, _) => {
+            Err("belongs to what pushes; a grasper holds, and must have \"stick\"".to_string())
+        }
+        (.., Some(scheme)) if !staggered.contains(&scheme) => Err(format!(
+            "a coefficient needs integration.scheme symplecticEuler or centralDifference; must be \"stick\" with {}",
+            word(&scheme)
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// What a non-linear threshold does not go with.
