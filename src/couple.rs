@@ -322,6 +322,17 @@ impl Coupling {
         sum
     }
 
+    /// G lambda on such a node \[m\].
+    pub fn gap_on(&self, node: usize) -> Vec3 {
+        let mut sum = Vec3::zeros();
+        for (dof, value) in self.held.iter().zip(&self.gap) {
+            if *dof as usize / 3 == node {
+                sum[*dof as usize % 3] = *value;
+            }
+        }
+        sum
+    }
+
     /// On a moving node \[N\]; zero off the interface.
     pub fn force_on(&self, model: &Model, node: usize) -> Vec3 {
         match node.checked_sub(model.parts.connected_from()) {

@@ -170,6 +170,7 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
         out.reals(held.local.into());
         out.reals(held.normal.into());
         out.int(u64::from(held.fresh));
+        out.real(held.slipped);
     }
     out.int(state.released.len() as u64);
     for released in &state.released {
@@ -207,6 +208,7 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
         out.reals(tool.torque.into());
         out.reals(tool.mean_force.into());
         out.int(u64::from(tool.in_contact));
+        out.int(u64::from(tool.slips));
         out.int(u64::from(tool.burned.is_some()));
         out.pose(&tool.burned.unwrap_or(tool.pose));
         out.real(tool.allowance);
@@ -253,12 +255,12 @@ pub fn size(state: &State) -> usize {
         + state.live.splits.len()
         + 2
         + 1
-        + 11 * state.held.len()
+        + 12 * state.held.len()
         + 1
         + 8 * state.released.len()
         + 1
         + 11 * state.contacts.len()
-        + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1 + 9) * state.tools.len()
+        + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1 + 1 + 9) * state.tools.len()
         + 7
         + 10
         + 2
@@ -330,6 +332,7 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
             local: input.vector()?,
             normal: input.vector()?,
             fresh: input.flag()?,
+            slipped: input.real()?,
             ..Held::by_support(support, node, [false; 3])
         });
     }
@@ -467,6 +470,7 @@ fn read_tool(input: &mut In) -> Result<ToolState, SnapshotError> {
         torque: input.vector()?,
         mean_force: input.vector()?,
         in_contact: input.flag()?,
+        slips: input.flag()?,
         burned: None,
         allowance: 0.0,
     };

@@ -87,6 +87,8 @@ pub struct ToolState {
     /// Impulse over the last step divided by its length \[N\].
     pub mean_force: Vec3,
     pub in_contact: bool,
+    /// Tissue has slipped through its grip in the last step.
+    pub slips: bool,
     /// Of a cautery: where it was when it burnt last, none while the current is off.
     pub burned: Option<Pose>,
     /// Volume that it may burn \[m³\].
@@ -338,6 +340,7 @@ impl ToolState {
             torque: Vec3::zeros(),
             mean_force: Vec3::zeros(),
             in_contact: false,
+            slips: false,
             burned: None,
             allowance: 0.0,
         }

@@ -85,6 +85,8 @@ pub struct Workspace {
     /// Where tools were at the start of the substep.
     pub(crate) from: Vec<Pose>,
     pub(crate) slide: slide::Scratch,
+    /// Force that each tool would have to bear \[N\].
+    pub(crate) borne: Vec<Vec3>,
     pub(crate) impulse: Vec<Vec3>,
     pub(crate) before: Before,
     pub(crate) loose: loose::Scratch,
@@ -127,6 +129,7 @@ impl Workspace {
             paths: Vec::with_capacity(tools),
             from: Vec::with_capacity(tools),
             slide: slide::Scratch::new(model),
+            borne: vec![Vec3::zeros(); tools],
             impulse: vec![Vec3::zeros(); tools],
             before: Before::with_room(model),
             loose: loose::Scratch::new(model),
@@ -237,6 +240,7 @@ pub fn advance(
         work.paths.push(path.ok_or(StepError::Orientation(k + 1))?);
     }
     work.impulse.fill(Vec3::zeros());
+    state.tools.iter_mut().for_each(|tool| tool.slips = false);
     let period = (1.0 + 1e-6) / model.scene.integration.haptic_rate;
     for k in 0..n {
         let time = state.clock.time();

@@ -234,7 +234,7 @@ fn each_mistake_has_its_line() {
         ("/cutting/spareVertices", "0", "cutting.spareVertices: found the number 0; must be a whole number, 1 or more"),
         ("/mesh", r#"{"file": "liver.vtu"}"#, "mesh.file: the mesh format .vtu is not available in this version; use .msh"),
         ("/tools/0/friction", "0.3", r#"tools[0].friction: belongs to what pushes; a grasper holds, and must have "stick""#),
-        ("/tools/1/slipForce", "2", "tools[1].slipForce: a slip force is not available in this version; use null"),
+        ("/tools/1/slipForce", "2", "tools[1].slipForce: belongs to a grasper; what pushes slides by its friction coefficient; must be null"),
     ];
     assert!(table.len() >= 60);
     for (pointer, value, message) in table {

@@ -29,6 +29,8 @@ pub struct Held {
     pub pulls: bool,
     /// Not yet carried through a substep.
     pub fresh: bool,
+    /// Way that it has slipped along the tool \[m\].
+    pub slipped: f64,
     /// Displacement at the end of the substep \[m\], and the velocity that takes \[m/s\].
     pub target: Vec3,
     pub velocity: Vec3,
@@ -45,6 +47,7 @@ impl Held {
             normal: Vec3::zeros(),
             pulls: false,
             fresh: false,
+            slipped: 0.0,
             target: Vec3::zeros(),
             velocity: Vec3::zeros(),
         }
@@ -87,6 +90,12 @@ pub fn residual(model: &Model, state: &State, loose: &loose::Scratch, i: usize) 
     state.external[i].xyz() - internal - damping
 }
 
+/// Share of a tool's forces that a grip of `most` \[N\] can bear, `total` being what it would take to follow the tool.
+pub fn share(total: &Vec3, most: f64) -> f64 {
+    let size = total.norm();
+    if size > most { most / size } else { 1.0 }
+}
+
 /// Whether [`update`] will ask what tool `k` touches.
 pub fn feels(model: &Model, state: &State, k: usize) -> bool {
     let (was, is) = (state.tools[k].active, state.tools[k].input_active);
@@ -115,7 +124,13 @@ pub fn update(
         ToolKind::Grasper if !active && was_active => {
             release(model, state, |h| h.tool == Some(k as u32))
         }
-        ToolKind::Grasper => {}
+        // What has slipped through is out.
+        ToolKind::Grasper => {
+            let length = model.tools[k].grip();
+            release(model, state, |h| {
+                h.tool == Some(k as u32) && h.slipped > length
+            });
+        }
         _ if slide::coefficient(model, k).is_some() => {}
         ToolKind::Cautery if active => release(model, state, |h| h.tool == Some(k as u32)),
         ToolKind::Probe | ToolKind::Cautery => {
@@ -237,6 +252,7 @@ fn attach(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])
                 normal: pose.orientation.inverse_transform_vector(&normal),
                 pulls: false,
                 fresh: true,
+                slipped: 0.0,
                 target: state.displacement[i].xyz(),
                 velocity: Vec3::zeros(),
             });

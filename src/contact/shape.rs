@@ -40,6 +40,15 @@ impl ToolShape {
         self.active.iter().map(move |c| c.placed(&pose))
     }
 
+    /// How long the part is that grasps, or how thick where it is a ball \[m\].
+    pub fn grip(&self) -> f64 {
+        let lengths = self
+            .active
+            .iter()
+            .map(|c| (c.end - c.tip).norm() + 2.0 * c.radius);
+        lengths.fold(0.0, f64::max)
+    }
+
     /// How many.
     pub fn capsules(&self) -> usize {
         self.whole.len()

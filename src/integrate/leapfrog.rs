@@ -1,13 +1,14 @@
 //! Symplectic Euler and central difference: velocities at half steps, one fused sweep a substep.
 
 use super::{add_inside, sweep};
+use crate::contact::hold::{self, Held};
 use crate::contact::slide::{self, Substep};
 use crate::loose;
 use crate::mesh::Vec3;
 use crate::model::Model;
 use crate::model::sweep::{Advance, Sums};
 use crate::scene::Scheme;
-use crate::state::State;
+use crate::state::{State, ToolState};
 use crate::step::{StepError, Workspace, watch};
 
 /// The equations are those of [`crate::model::sweep`].
@@ -142,10 +143,25 @@ fn carry_held(
     let (lag, h) = (state.clock.lag, by.substep);
     let kick = 0.5 * (lag + h);
     let moving = model.parts.moving;
+    find_borne(model, state, work, by);
     for held in &mut state.held {
         let i = held.node as usize;
+        let share = held.tool.map_or(1.0, |tool| {
+            let most = model.scene.tools[tool as usize].slip_force;
+            most.map_or(1.0, |most| hold::share(&work.borne[tool as usize], most))
+        });
+        let tool_velocity = held.velocity;
         if let Some(inside) = i.checked_sub(moving) {
             let lambda = state.coupling.pressure_on(inside);
+            if share < 1.0 {
+                // G lambda is what it is away from where it would be: that much less.
+                held.target -= state.coupling.gap_on(inside) * (1.0 - share);
+                held.velocity = (held.target - state.displacement[i].xyz()) / h;
+                slip(&mut state.tools, held, state.live.rest[i], tool_velocity, h);
+                let lost = 0.5 * h * (tool_velocity - held.velocity).dot(&lambda);
+                state.account.tool_work += lost;
+                state.account.dissipated += lost;
+            }
             let (v, v_new) = (state.velocity[i].xyz(), held.velocity);
             let behind = 0.5 * lag * v.dot(&lambda);
             trailing += behind;
@@ -172,8 +188,15 @@ fn carry_held(
             if !held.axes[axis] {
                 continue;
             }
-            let (v, v_new) = (state.velocity[i].0[axis], held.velocity[axis]);
+            let (v, mut v_new) = (state.velocity[i].0[axis], held.velocity[axis]);
             lambda[axis] = mass * (v_new - v) / gain - residual[axis];
+            if share < 1.0 {
+                lambda[axis] *= share;
+                v_new = v + gain / mass * (residual[axis] + lambda[axis]);
+                held.velocity[axis] = v_new;
+                // The sweep has moved it on by v.
+                held.target[axis] = state.displacement[i].0[axis] + h * (v_new - v);
+            }
             behind += 0.5 * lag * v * lambda[axis];
             ahead += 0.5 * h * v_new * lambda[axis];
             jump += 0.5 * mass * (v_new - v) * (v_new - v);
@@ -181,6 +204,12 @@ fn carry_held(
             sums.damping += mass * (v_new * (v + v_new) - 2.0 * v * v);
             state.velocity[i].0[axis] = v_new;
             state.displacement[i].0[axis] = held.target[axis];
+        }
+        if share < 1.0 {
+            slip(&mut state.tools, held, state.live.rest[i], tool_velocity, h);
+            let lost = 0.5 * h * (tool_velocity - held.velocity).dot(&lambda);
+            state.account.tool_work += lost;
+            state.account.dissipated += lost;
         }
         trailing += behind;
         // Its own part of what uneven substeps would make: whoever leads it gives that.
@@ -200,4 +229,39 @@ fn carry_held(
         }
     }
     (sums, trailing, given)
+}
+
+/// What each tool that may slip would have to bear if all it holds followed it \[N\].
+fn find_borne(model: &Model, state: &State, work: &mut Workspace, by: &Advance) {
+    work.borne.fill(Vec3::zeros());
+    for held in &state.held {
+        let Some(tool) = held.tool.map(|tool| tool as usize) else {
+            continue;
+        };
+        if model.scene.tools[tool].slip_force.is_none() {
+            continue;
+        }
+        let i = held.node as usize;
+        work.borne[tool] += match i.checked_sub(model.parts.moving) {
+            Some(inside) => state.coupling.pressure_on(inside),
+            None => {
+                let gain = match state.live.pieces.is_loose(i) {
+                    false => by.gain,
+                    true => by.kick,
+                };
+                let pull = (held.velocity - state.velocity[i].xyz()) * (state.live.mass[i] / gain);
+                let lambda = pull - work.residual[i].xyz();
+                Vec3::from_fn(|a, _| if held.axes[a] { lambda[a] } else { 0.0 })
+            }
+        };
+    }
+}
+
+/// Where what has slipped is in the tool's frame now, `target` being where it is.
+fn slip(tools: &mut [ToolState], held: &mut Held, rest: Vec3, tool_velocity: Vec3, h: f64) {
+    let Some(tool) = held.tool else { return };
+    let tool = &mut tools[tool as usize];
+    held.local = tool.pose.local(&(rest + held.target));
+    held.slipped += h * (tool_velocity - held.velocity).norm();
+    tool.slips = true;
 }

@@ -92,9 +92,10 @@ impl Model {
         }
     }
 
-    /// Whether any tool has a friction coefficient.
+    /// Whether any tool has a friction coefficient, or a grip that gives way.
     fn tools_slide(&self) -> bool {
-        (0..self.tools.len()).any(|k| slide::coefficient(self, k).is_some())
+        let gives_way = |k: usize| self.scene.tools[k].slip_force.is_some();
+        (0..self.tools.len()).any(|k| gives_way(k) || slide::coefficient(self, k).is_some())
     }
 
     /// Whether velocities live half a substep behind.

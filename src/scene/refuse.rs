@@ -32,12 +32,10 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     ];
     for (i, tool) in scene.tools.iter().enumerate() {
         let path = |key: &str| format!("tools[{i}].{key}");
-        let slips = tool.slip_force.is_some();
         let slides = tool.friction != Friction::Stick;
         #[rustfmt::skip]
         table.extend([
             (slides && inside, path("friction"), text("a Coulomb coefficient with pre-computed tissue"), "use \"stick\""),
-            (slips, path("slipForce"), text("a slip force"), "use null"),
         ]);
     }
     unsuited(scene)?;
@@ -126,6 +124,8 @@ fn unsuited(scene: &Scene) -> Result<(), SceneError> {
     for (k, tool) in scene.tools.iter().enumerate() {
         rubs(tool, scheme)
             .map_err(|what| SceneError::at("", format!("tools[{k}].friction"), what))?;
+        slips(tool, scheme)
+            .map_err(|what| SceneError::at("", format!("tools[{k}].slipForce"), what))?;
     }
     if springs && nonlinear {
         return Err(SceneError::at(
@@ -184,6 +184,23 @@ fn rubs(tool: &Tool, scheme: Option<Scheme>) -> Result<(), String> {
             word(&scheme)
         )),
         _ => Ok(()),
+    }
+}
+
+/// Where nothing slips.
+fn slips(tool: &Tool, scheme: Option<Scheme>) -> Result<(), String> {
+    let staggered = [Scheme::SymplecticEuler, Scheme::CentralDifference];
+    match (tool.slip_force, tool.kind, scheme) {
+        (None, ..) => Ok(()),
+        (_, ToolKind::Grasper, Some(scheme)) if !staggered.contains(&scheme) => Err(format!(
+            "needs integration.scheme symplecticEuler or centralDifference; must be null with {}",
+            word(&scheme)
+        )),
+        (_, ToolKind::Grasper, _) => Ok(()),
+        _ => Err(
+            "belongs to a grasper; what pushes slides by its friction coefficient; must be null"
+                .to_string(),
+        ),
     }
 }
 

@@ -296,6 +296,7 @@ impl Instance {
         let halvings = self.simulation.halvings();
         let told = self.limits_met();
         let was_inverted = self.simulation.inverted().is_some();
+        let slipped = self.slips();
         let outcome = self.simulation.step(length);
         if let Err(e @ (StepError::Length(_) | StepError::TooLong(..))) = outcome {
             return Err(error(e));
@@ -331,6 +332,7 @@ impl Instance {
             self.logger.log(Status::Warning, &line);
         }
         self.report(end, removed, halvings);
+        self.report_slips(end, slipped);
         Ok(())
     }
 
@@ -365,6 +367,33 @@ impl Instance {
                 removed - removed_before
             );
             self.logger.log(Status::Ok, &line);
+        }
+    }
+
+    /// Which tools' grips slip, a bit each of the first 64.
+    fn slips(&self) -> u64 {
+        let tools = self.simulation.state().tools.iter().take(64);
+        let bits = tools
+            .enumerate()
+            .map(|(k, tool)| u64::from(tool.slips) << k);
+        bits.sum()
+    }
+
+    /// A line when a grip begins to slip.
+    fn report_slips(&self, time: f64, before: u64) {
+        let begun = self.slips() & !before;
+        if begun == 0 || !self.logger.wants(Status::Ok) {
+            return;
+        }
+        let tools = &self.simulation.model().scene.tools;
+        for (k, tool) in tools.iter().take(64).enumerate() {
+            if begun >> k & 1 == 1 {
+                let line = format!(
+                    "fmi2DoStep: in the step to {time} s tissue began to slip through the grip of {:?}",
+                    tool.name
+                );
+                self.logger.log(Status::Ok, &line);
+            }
         }
     }
 
