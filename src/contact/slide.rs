@@ -31,6 +31,8 @@ const SETTLED: f64 = 1e-4;
 /// What is nearer than this share of the radius at a haptic tick, and what tool and tissue can move until the next one,
 /// is looked at.
 const MARGIN: f64 = 0.25;
+/// Longest that an edge may be, in rest lengths of the longest.
+const STRETCH: f64 = 1.25;
 /// Depth, in radii, that a substep makes good at most: what is deeper comes out over several.
 const MOST_DEPTH: f64 = 0.1;
 
@@ -84,6 +86,8 @@ pub struct Scratch {
     before: Vec<Contact>,
     nodes: Vec<u32>,
     shape: Vec<Capsule>,
+    /// A node each: whether it may be in reach.
+    near: Vec<bool>,
     /// A node each, of old where nothing touches: velocities as the sweep has left them, or those of [`reaction`].
     swept: Vec<Lane>,
 }
@@ -99,6 +103,7 @@ impl Scratch {
             before: Vec::with_capacity(room),
             nodes: Vec::with_capacity(3 * room),
             shape: Vec::with_capacity(model.tools.iter().map(ToolShape::capsules).sum()),
+            near: vec![false; model.parts.known],
             swept: vec![Lane::default(); model.parts.known],
         }
     }
@@ -141,7 +146,14 @@ pub fn find(model: &Model, state: &mut State, k: usize, way: f64, work: &mut Scr
     }
     let first = state.contacts.len();
     for (c, capsule) in model.tools[k].at(&state.tools[k].pose).enumerate() {
-        find_near(model, state, tool, c as u32, &capsule, way);
+        find_near(
+            model,
+            state,
+            &mut work.near,
+            (tool, c as u32),
+            &capsule,
+            way,
+        );
     }
     let own = &mut state.contacts[first..];
     own.sort_unstable_by_key(Contact::key);
@@ -162,15 +174,32 @@ pub fn find(model: &Model, state: &mut State, k: usize, way: f64, work: &mut Scr
     state.contacts.truncate(count);
 }
 
-fn find_near(model: &Model, state: &mut State, tool: u32, c: u32, capsule: &Capsule, way: f64) {
+/// By vertices first: those of what is in reach lie within an edge of it.
+fn find_near(
+    model: &Model,
+    state: &mut State,
+    near: &mut [bool],
+    (tool, c): (u32, u32),
+    capsule: &Capsule,
+    way: f64,
+) {
     let reach = (1.0 + MARGIN) * capsule.radius + way;
-    let (low, high) = capsule.bounds(reach - capsule.radius);
+    let (low, high) = capsule.bounds(reach - capsule.radius + STRETCH * model.longest_edge);
     let State {
         live,
         contacts,
         displacement,
         ..
     } = state;
+    let mut any = false;
+    for (i, near) in near.iter_mut().enumerate() {
+        let x = live.rest[i] + displacement[i].xyz();
+        *near = (0..3).all(|axis| low[axis] <= x[axis] && x[axis] <= high[axis]);
+        any |= *near;
+    }
+    if !any {
+        return;
+    }
     let mut add = |capsule, nodes| {
         contacts.push(Contact {
             tool,
@@ -182,23 +211,14 @@ fn find_near(model: &Model, state: &mut State, tool: u32, c: u32, capsule: &Caps
     };
     for face in &live.surface {
         let nodes = live.triangle(model, *face);
-        if nodes.iter().any(|v| *v as usize >= displacement.len()) {
+        if !nodes.iter().all(|v| near[*v as usize]) {
             continue;
         }
         let x = nodes.map(|v| live.rest[v as usize] + displacement[v as usize].xyz());
-        let apart = |axis: usize| {
-            x.iter().all(|x| x[axis] < low[axis]) || x.iter().all(|x| x[axis] > high[axis])
-        };
-        if (0..3).any(apart) {
-            continue;
-        }
         let middle = (x[0] + x[1] + x[2]) / 3.0;
         let normal = (x[1] - x[0]).cross(&(x[2] - x[0]));
-        let size = x
-            .iter()
-            .map(|x| (x - middle).norm_squared())
-            .fold(0.0, f64::max)
-            .sqrt();
+        let each = x.iter().map(|x| (x - middle).norm_squared());
+        let size = each.fold(0.0, f64::max).sqrt();
         let nearest = capsule.on_axis(&middle);
         // Only what faces the axis can be pushed away from it.
         if (nearest - middle).norm() > reach + size || (nearest - middle).dot(&normal) <= 0.0 {

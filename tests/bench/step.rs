@@ -1,6 +1,7 @@
 //! Speed of one linear substep and of one of springs, beside the machine's own limits in the same run.
 //!
-//! `cargo bench -p tissue --bench step`, `-- --large` for organs of 100 000 tetrahedra and more, `-- --tearing` for tearing alone. Prints CSV: what, median and best, so that ratios travel from
+//! `cargo bench -p tissue --bench step`, `-- --large` for organs of 100 000 tetrahedra and more, `-- --tearing` for tearing alone,
+//! `-- --contact` for tools that slide. Prints CSV: what, median and best, so that ratios travel from
 //! machine to machine. Medians of interleaved runs; nothing here fails on time.
 
 use std::hint::black_box;
@@ -14,7 +15,7 @@ use tissue::model::precomputed::compute;
 use tissue::model::sweep::{Advance, Motion, plain, sweep};
 use tissue::model::tensor_mass::Lane;
 use tissue::model::{Model, spring_sweep};
-use tissue::scene::{ModelKind, Start};
+use tissue::scene::{Friction, ModelKind, Scheme, Shape, Start, Tool, ToolKind};
 use tissue::simulation::Simulation;
 use tissue::tear::Tears;
 
@@ -104,6 +105,10 @@ fn main() {
     calibration();
     if std::env::args().any(|a| a == "--tearing") {
         tearing("liver", LIVER);
+        return;
+    }
+    if std::env::args().any(|a| a == "--contact") {
+        contact();
         return;
     }
     if std::env::args().any(|a| a == "--large-deformation") {
@@ -203,6 +208,97 @@ fn large_deformation() {
         let count = model(&text).shape.len();
         do_step(&format!("liver of {count} {what}"), &text, 1e-3);
     }
+}
+
+/// Two capsules press on the liver and slide to and fro; the same scene with both out of reach.
+fn contact() {
+    let whole = model(LIVER);
+    let mut tops: Vec<_> = whole
+        .surface_nodes
+        .iter()
+        .map(|v| whole.mesh.nodes[*v as usize])
+        .collect();
+    tops.sort_by(|a, b| b.z.total_cmp(&a.z));
+    let first = tops[0];
+    let second = tops.iter().find(|x| (**x - first).xy().norm() > 0.05);
+    let places = [first, *second.expect("a liver is larger")];
+    let tools = (0..2)
+        .map(|k| Tool {
+            name: format!("probe {k}"),
+            kind: ToolKind::Probe,
+            shape: Shape::Capsule {
+                radius: 0.005,
+                length: 0.25,
+            },
+            active_length: None,
+            friction: Friction::Coulomb(0.3),
+            slip_force: None,
+            position: [places[k].x, places[k].y, places[k].z + 0.05],
+            // Its shaft up, aslant.
+            orientation: [0.3, 1.0, 0.0, 0.0],
+        })
+        .collect();
+    let model = with_tools(&whole, tools);
+    let mut bare = Simulation::new(with_tools(&whole, Vec::new()));
+    let mut far = Simulation::new(model.clone());
+    let mut near = Simulation::new(model);
+    let mut times = [Vec::new(), Vec::new(), Vec::new()];
+    let mut touching = 0;
+    for step in 0..3000 {
+        let t = 1e-3 * f64::from(step);
+        for (k, place) in places.iter().enumerate() {
+            near.set_pose_input(k, 0, place.x + 0.01 * (2.0 * t).sin());
+            near.set_pose_input(
+                k,
+                2,
+                place.z + 0.005 + 0.045 * (1.0 - t).max(0.0) - 0.012 * t.min(1.0),
+            );
+        }
+        for (s, times) in [&mut near, &mut far, &mut bare].into_iter().zip(&mut times) {
+            let start = Instant::now();
+            s.step(1e-3).expect("a stable step");
+            if step >= 1000 {
+                times.push(start.elapsed().as_secs_f64());
+            }
+        }
+        let active = near
+            .state()
+            .contacts
+            .iter()
+            .filter(|c| c.force.norm() > 0.0);
+        touching = touching.max(active.count());
+    }
+    let substeps = (1e-3 / near.substep()).round();
+    let [near_time, far_time, bare_time] = times.each_mut().map(|times| {
+        times.sort_by(f64::total_cmp);
+        [times[times.len() / 2], times[0]].map(|t| 1e6 * t / substeps)
+    });
+    println!("substeps a ms,{substeps},{substeps},");
+    println!("places that touch at most,{touching},{touching},");
+    println!("places that may,{0},{0},", near.state().contacts.len());
+    println!(
+        "substep without tools,{:.2},{:.2},us",
+        bare_time[0], bare_time[1]
+    );
+    println!(
+        "substep out of reach,{:.2},{:.2},us",
+        far_time[0], far_time[1]
+    );
+    println!(
+        "substep in contact,{:.2},{:.2},us",
+        near_time[0], near_time[1]
+    );
+    let more = [near_time[0] - bare_time[0], near_time[1] - bare_time[1]];
+    println!("contact,{:.2},{:.2},us", more[0], more[1]);
+    println!("force,{0:.2},{0:.2},N", near.tool(0).force.norm());
+}
+
+fn with_tools(model: &Model, tools: Vec<Tool>) -> Arc<Model> {
+    let mut scene = model.scene.clone();
+    (scene.tools, scene.tearing) = (tools, None);
+    scene.cuts.clear();
+    scene.integration.scheme = Some(Scheme::SymplecticEuler);
+    Arc::new(model.with_scene(scene).expect("the same mesh"))
 }
 
 /// All pre-computed, at 20 kHz, with a grasper so thick that it holds twenty nodes.

@@ -19,6 +19,27 @@ def point_triangle(p, corners):
     return min(point_segment(p, q, r) for q, r in ((a, b), (b, c), (c, a)))
 
 
+def nearest_on_triangles(p, corners):
+    """Of each of n x 3 x 3 corners the point nearest to p, and the corners' weights."""
+    a, b, c = (corners[:, k] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    area = np.einsum("ti,ti->t", normal, normal)
+    inner = [np.einsum("ti,ti->t", np.cross(q - p, r - p), normal) / area for q, r in ((b, c), (c, a), (a, b))]
+    weights = [np.stack(inner, axis=1)]
+    for first, second in ((0, 1), (1, 2), (2, 0)):
+        along = corners[:, second] - corners[:, first]
+        share = np.einsum("ti,ti->t", p - corners[:, first], along) / np.einsum("ti,ti->t", along, along)
+        edge = np.zeros((len(corners), 3))
+        edge[:, second] = np.clip(share, 0, 1)
+        edge[:, first] = 1 - edge[:, second]
+        weights.append(edge)
+    places = [np.einsum("tk,tki->ti", w, corners) for w in weights]
+    distances = np.stack([np.linalg.norm(place - p, axis=1) for place in places])
+    distances[0, weights[0].min(axis=1) < 0] = np.inf
+    best = distances.argmin(axis=0), np.arange(len(corners))
+    return np.stack(places)[best], np.stack(weights)[best]
+
+
 def segment_segment(p, q, a, b):
     d, e, w = q - p, b - a, p - a
     dd, de, ee = np.dot(d, d), np.dot(d, e), np.dot(e, e)
