@@ -101,6 +101,13 @@ def shape_slopes(order):
     return slopes, weight / weight.sum()
 
 
+def lifted(tangent):
+    """What makes it positive: tangents x points x 3 x 3 x 3 x 3, indexed as in laws.py."""
+    value, vector = np.linalg.eigh(tangent.reshape(-1, 9, 9))
+    short = np.maximum(-value, 0)[:, None]
+    return (vector * short @ vector.swapaxes(-1, -2)).reshape(tangent.shape)
+
+
 class Body:
     """Energy, forces and stiffness of a mesh of one material law a tetrahedron."""
 
@@ -108,6 +115,16 @@ class Body:
         self.points, self.count = nodes, len(nodes)
         self.tetrahedra = np.asarray(tetrahedra)
         self.material = material.spread(len(self.tetrahedra))
+        self._geometry()
+        if self.weight.min() <= 0:
+            raise ValueError("a tetrahedron of the mesh is flat or inverted")
+        self.used = np.zeros(self.count, bool)
+        self.used[self.tetrahedra] = True
+        self._pairs()
+
+    def _geometry(self):
+        """dN_a/dX of each tetrahedron and point, and the points' volumes."""
+        nodes = self.points
         order = {4: 1, 10: 2}[self.tetrahedra.shape[1]]
         if order == 2 and np.any(self.material.penalty):
             raise ValueError("the volume penalty is one of constant strain")
@@ -117,11 +134,6 @@ class Body:
         slopes, weight = shape_slopes(order)
         self.gradient = slopes @ barycentric[:, None]
         self.weight = np.linalg.det(sides)[:, None] / 6 * weight
-        if self.weight.min() <= 0:
-            raise ValueError("a tetrahedron of the mesh is flat or inverted")
-        self.used = np.zeros(self.count, bool)
-        self.used[self.tetrahedra] = True
-        self._pairs()
 
     def _pairs(self):
         width = self.tetrahedra.shape[1]
@@ -155,7 +167,7 @@ class Body:
     def energy(self, u):
         """W [J]."""
         return sum(
-            np.sum(self.weight[part] * self.material.at(part).energy(self.deformation(u, part)))
+            np.sum(self.weight[part] * self._energy(self.deformation(u, part), part))
             for part in self.chunks()
         )
 
@@ -163,27 +175,38 @@ class Body:
         """dW/du, n x 3 [N]."""
         shares = np.empty(self.tetrahedra.shape + (3,))
         for part in self.chunks():
-            stress = self.material.at(part).stress(self.deformation(u, part))
+            stress = self._stress(self.deformation(u, part), part)
             weighted = self.weight[part][..., None, None] * stress
             shares[part] = (self.gradient[part] @ weighted.swapaxes(-1, -2)).sum(axis=1)
         nodes = self.tetrahedra.ravel()
         columns = shares.reshape(-1, 3).T
         return np.stack([np.bincount(nodes, c, self.count) for c in columns], axis=1)
 
-    def stiffness(self, u):
-        """d2W/du2, 3n x 3n [N/m]."""
+    def _energy(self, F, part):
+        return self.material.at(part).energy(F)
+
+    def _stress(self, F, part):
+        return self.material.at(part).stress(F)
+
+    def _tangent(self, F, part):
+        return self.material.at(part).tangent(F)
+
+    def stiffness(self, u, share=0.0):
+        """d2W/du2, 3n x 3n [N/m]; without this share of what is negative in a point's tangent."""
         width = self.tetrahedra.shape[1]
         shares = np.empty((len(self.tetrahedra), width, 3, width, 3))
         for part in self.chunks():
-            shares[part] = self._stiffness(u, part)
+            shares[part] = self._stiffness(u, part, share)
         entries = shares.transpose(0, 1, 3, 2, 4).reshape(-1, 9)
         blocks = np.stack([np.bincount(self.pair, entries[:, k]) for k in range(9)], axis=1)
         blocks = blocks.reshape(-1, 3, 3)
         size = 3 * self.count
         return sparse.bsr_matrix((blocks, self.columns, self.starts), (size, size)).tocsr()
 
-    def _stiffness(self, u, part):
-        tangent = self.material.at(part).tangent(self.deformation(u, part))
+    def _stiffness(self, u, part, share):
+        tangent = self._tangent(self.deformation(u, part), part)
+        if share:
+            tangent += share * lifted(tangent)
         tangent *= self.weight[part][..., None, None, None, None]
         gradient = self.gradient[part]
         t, q, a, _ = gradient.shape
@@ -212,31 +235,34 @@ class Tangent:
         self.plan = Plan(body.points, body.graph, free)
         self.factor = None
 
-    def solve(self, matrix, right):
-        """matrix^-1 right on the free degrees of freedom, n x 3; zero elsewhere."""
+    def solve(self, matrix, right, stiffer):
+        """matrix^-1 right on the free degrees of freedom, n x 3; zero elsewhere.
+
+        `stiffer`: the matrix of a share, for where it is not positive definite.
+        """
         x = np.zeros(right.size)
         dofs = self.plan.dofs
-        x[dofs] = self._solve(matrix[dofs][:, dofs], right.ravel()[dofs])
+        x[dofs] = self._solve(matrix[dofs][:, dofs], right.ravel()[dofs], stiffer)
         return x.reshape(-1, 3)
 
-    def _solve(self, matrix, right):
+    def _solve(self, matrix, right, stiffer):
         if self.factor is not None:
             scaled = LinearOperator(matrix.shape, self.factor.solve, dtype=float)
             x, missed = cg(matrix, right, rtol=1e-5, maxiter=15, M=scaled)
             if not missed:
                 return x
         self.factor = None
-        self.factor = self._definite(matrix)
+        self.factor = self._definite(matrix, stiffer)
         return self.factor.solve(right)
 
-    def _definite(self, matrix):
-        """The factor, of a stiffer matrix where this one is not positive definite."""
-        size = np.abs(matrix.diagonal())
-        for share in (0, 1e-3, 1e-2, 1e-1, 1):
+    def _definite(self, matrix, stiffer):
+        dofs = self.plan.dofs
+        for share in (0.3, 1, None):
             try:
-                return self.plan.factor(matrix + sparse.diags(share * size))
+                return self.plan.factor(matrix)
             except np.linalg.LinAlgError:
-                continue
+                if share is not None:
+                    matrix = stiffer(share)[dofs][:, dofs]
         raise NoEquilibrium("the stiffness is not positive definite")
 
 
@@ -269,7 +295,7 @@ class Statics:
         matrix = self.body.stiffness(u)
         if jump is not None:
             right = right - (matrix @ jump.ravel()).reshape(-1, 3)
-        return self.tangent.solve(matrix, right)
+        return self.tangent.solve(matrix, right, lambda share: self.body.stiffness(u, share))
 
     def equilibrium(self, u, load):
         """Displacement under `load` and the relative residual, from the displacement under less."""
@@ -325,15 +351,16 @@ def brought_on(statics, u, steps, smallest):
 
 
 def solve(nodes, tetrahedra, material, held, value=None, force=None, steps=1, tolerance=1e-10,
-          smallest=1e-3, start=None, floor=0.0):
+          smallest=1e-3, start=None, floor=0.0, element=Body):
     """Static equilibrium; loads and prescribed displacements come on in `steps`, halved as needed.
 
     `held`: n x 3 of bool; `value`: n x 3, displacement where held; `force`: n x 3 [N]. Nodes
     without tetrahedra stay. `smallest`: share of a step under which it gives up, with
     NoEquilibrium. `start`: a displacement near the answer, tried first. `floor`: what det F stays
-    above at every point; -inf lets tetrahedra invert, for a law that is made for it.
+    above at every point; -inf lets tetrahedra invert, for a law that is made for it. `element`: Body
+    or Bricks.
     """
-    body = Body(nodes, tetrahedra, material)
+    body = element(nodes, tetrahedra, material)
     zero = np.zeros(nodes.shape)
     value = zero if value is None else np.where(held, value, 0)
     force = zero if force is None else force

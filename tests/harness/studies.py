@@ -2,7 +2,8 @@
 
 Boxes cut along planes; every grip ends on planes that all meshes of a scene share. For the oracle a
 mesh is graded towards the edges of the grips, where stress has no bound, and ends at the planes of
-symmetry. The product gets the whole body and even cells.
+symmetry: quadratic tetrahedra, or bricks in layers where those are not good enough. The product gets
+the whole body and even cells.
 """
 
 from dataclasses import dataclass
@@ -12,8 +13,9 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 import meshes
+from bricks import Bricks, bricks, halved
 from laws import lame
-from nonlinear import Material, quadratic, solve
+from nonlinear import Body, Material, quadratic, solve
 from scenes import Problem
 
 YOUNG = 6000.0
@@ -45,12 +47,12 @@ class Grip:
 class Axis:
     """Planes all meshes share, cells between them for the product, and the planes where grips end.
 
-    `half`: the plane of symmetry; `fine`: cells of the oracle's coarsest mesh up to there.
+    `half`: the plane of symmetry; `fine`: cells of the oracle's coarsest tetrahedra up to there.
     """
 
     planes: tuple
     cells: tuple
-    fine: tuple
+    fine: tuple = ()
     sharp: tuple = ()
     half: float | None = None
 
@@ -73,6 +75,11 @@ class Axis:
         return t**2 if first else 1 - (1 - t) ** 2 if last else t
 
 
+def layers(start, end, count, ratio):
+    """Coordinates whose cells shrink by `ratio` from start to end."""
+    return end + (start - end) * np.append(ratio ** np.arange(count), 0)
+
+
 def joined(planes, counts, grade):
     parts = [np.array(planes[:1])]
     for a, b, n in zip(planes, planes[1:], counts):
@@ -84,7 +91,8 @@ def joined(planes, counts, grade):
 class Study:
     """A body, its grips, and the last one's reaction, measured along `along`.
 
-    `levels`: of the ladder of graded meshes; `guess`: a displacement near the answer.
+    `levels`: of the ladder of graded meshes; `guess`: a displacement near the answer; `layered`:
+    lines of the oracle's bricks, by the level, which is then the layers of cells at an edge.
     """
 
     name: str
@@ -95,6 +103,7 @@ class Study:
     shape: Callable = lambda nodes: nodes
     torque: bool = False
     guess: Callable | None = None
+    layered: Callable | None = None
 
     @property
     def share(self):
@@ -107,6 +116,12 @@ class Study:
 
     def graded(self, level, pattern=meshes.six):
         return self._mesh([axis.graded(level) for axis in self.axes], pattern)
+
+    def own(self, level):
+        """The oracle's mesh, and its element."""
+        if self.layered is not None:
+            return *bricks(self.layered(level)), Bricks
+        return *quadratic(*self.graded(level)), Body
 
     def _mesh(self, lines, pattern):
         cells = [len(line) - 1 for line in lines]
@@ -121,11 +136,20 @@ class Study:
 
     def carried(self, displacement, coarse, level):
         """A displacement of the oracle's mesh `coarse` on that of `level`."""
+        if self.layered is not None:
+            old, new = (list(map(halved, self.layered(n))) for n in (coarse, level))
+            grid = displacement.reshape(*map(len, old), 3)
+            places = [np.interp(b, a, np.arange(len(a))) for a, b in zip(old, new)]
+            where = np.stack(np.meshgrid(*places, indexing="ij")).reshape(3, -1)
+            return self._drawn(grid, where)
         at, size = self.lattice(coarse)
         to, fine = self.lattice(level)
         grid = np.zeros((*(size + 1), 3))
         grid[tuple(at.T)] = displacement
-        where = (to * (size / fine)).T
+        return self._drawn(grid, (to * (size / fine)).T)
+
+    @staticmethod
+    def _drawn(grid, where):
         parts = [map_coordinates(grid[..., k], where, order=2, mode="nearest") for k in range(3)]
         return np.stack(parts, axis=1)
 
@@ -149,16 +173,14 @@ class Study:
         way = np.sign(self.grips[-1].displacement(nodes)[0, self.along])
         return way * reaction[mine, self.along].sum()
 
-    def oracle(self, level, law, poisson, order=2, mesh=None, **options):
+    def oracle(self, level, law, poisson, mesh=None, **options):
         """Force or torque and energy of the whole, on the oracle's own mesh or on a whole one."""
-        nodes, tetrahedra = mesh or self.graded(level)
-        if order == 2:
-            nodes, tetrahedra = quadratic(nodes, tetrahedra)
+        nodes, cells, options["element"] = (*mesh, Body) if mesh else self.own(level)
         share = 1 if mesh else self.share
         material = Material(law, *lame(YOUNG, poisson))
         if self.guess is not None:
             options["start"] = self.guess(nodes)
-        found = solve(nodes, tetrahedra, material, *self.supports(nodes), **options)
+        found = solve(nodes, cells, material, *self.supports(nodes), **options)
         force = self.measured(nodes, found.displacement, found.reaction)
         return share * force, share * found.energy, found
 
@@ -195,12 +217,22 @@ def plate():
     return Study("plate", axes, (Grip(0, 0), Grip(0, 0.22), patch), 2, (1, 2, 3))
 
 
-def block():
-    """6 cm, on the table, a patch of 2 cm pressed in by 12 mm."""
-    side = Axis((0, 0.02, 0.04, 0.06), (4, 4, 4), (2, 1), (0.02,), 0.03)
-    axes = (side, side, Axis((0, 0.06), (10,), (3,), (0, 0.06)))
+def block(ratio=0.25, levels=(2, 3, 4)):
+    """6 cm, on the table, a patch of 2 cm pressed in by 12 mm.
+
+    Tissue folds within half a millimetre of the patch's edge, and the force falls by some per cent
+    once cells are small enough to fold: `ratio` is that of the size of one layer to the last.
+    """
+    side = Axis((0, 0.02, 0.04, 0.06), (4, 4, 4), half=0.03)
+    axes = (side, side, Axis((0, 0.06), (10,)))
     patch = Grip(2, 0.06, (0, 0, -0.012), ((0, 0.02, 0.04), (1, 0.02, 0.04)))
-    return Study("block", axes, (Grip(2, 0), patch), 2, (2, 3, 4))
+
+    def layered(count):
+        inner = layers(0.03, 0.02, count, ratio)[-2::-1]
+        line = np.concatenate([layers(0, 0.02, count + 1, ratio), inner])
+        return [line, line, np.append([0, 0.0075], layers(0.03, 0.06, count + 1, ratio))]
+
+    return Study("block", axes, (Grip(2, 0), patch), 2, levels, layered=layered)
 
 
 def tapered(nodes):

@@ -6,6 +6,7 @@ import numpy as np
 import nonlinear
 import oracle
 import pytest
+from bricks import Bricks, bricks
 from nonlinear import Material
 
 LAWS = ["linear", "stVenantKirchhoff", "stableNeoHookean"]
@@ -83,6 +84,49 @@ def test_force_and_stiffness_are_derivatives(law, order):
     rate = (body.force(u + h * d) - body.force(u - h * d)) / (2 * h)
     assert np.abs(stiffness @ d.ravel() - rate.ravel()).max() < 1e-6 * np.abs(rate).max()
     assert np.abs(stiffness - stiffness.T).max() < 1e-13 * np.abs(stiffness).max()
+
+
+def squeezed_box():
+    lines = [np.array([0, 0.03, 0.1]), np.array([0, 0.015, 0.02]), np.array([0, 0.02])]
+    some = Material.engineering("stableNeoHookean", 6e3, 0.499)
+    return Bricks(*bricks(lines), some)
+
+
+def test_bricks_forces_are_derivatives_and_fields_exact():
+    """Also where points are inverted; a linear field has the law's energy, and no force inside."""
+    body = squeezed_box()
+    nodes, random = body.points, np.random.default_rng(5)
+    u, d = random.uniform(-2e-3, 2e-3, nodes.shape), random.normal(size=nodes.shape)
+    h = 1e-8
+    force, stiffness = body.force(u), body.stiffness(u)
+    assert body.volume_ratio(u) < 0
+    slope = (body.energy(u + h * d) - body.energy(u - h * d)) / (2 * h)
+    assert np.sum(force * d) == pytest.approx(slope, rel=1e-6)
+    rate = (body.force(u + h * d) - body.force(u - h * d)) / (2 * h)
+    assert np.abs(stiffness @ d.ravel() - rate.ravel()).max() < 1e-6 * np.abs(rate).max()
+    F = np.eye(3) + random.uniform(-0.2, 0.2, (3, 3))
+    u = nodes @ (F - np.eye(3)).T
+    density = laws.neo_hookean_energy(F, *laws.lame(6e3, 0.499))
+    assert body.energy(u) == pytest.approx(4e-5 * density, rel=1e-10)
+    inner = np.all((nodes > nodes.min(axis=0)) & (nodes < nodes.max(axis=0)), axis=1)
+    assert np.abs(body.force(u)[inner]).max() < 1e-12 * np.abs(body.force(u)).max()
+
+
+def test_bricks_meet_tetrahedra():
+    """A bar of little compressibility, bent: the same force within 2 %."""
+    lines = [np.linspace(0, 0.1, 9), np.linspace(0, 0.02, 3), np.linspace(0, 0.02, 3)]
+    forces = []
+    for nodes, cells, element in [
+        (*bricks(lines), Bricks),
+        (*nonlinear.quadratic(*meshes.six((0.1, 0.02, 0.02), (16, 4, 4))), nonlinear.Body),
+    ]:
+        held = np.abs(nodes[:, :1]) < 1e-12
+        end = np.abs(nodes[:, 0] - 0.1) < 1e-12
+        some = Material.engineering("stableNeoHookean", 6e3, 0.45)
+        value = np.where(end[:, None], [0, 0, -0.01], 0)
+        found = nonlinear.solve(nodes, cells, some, np.tile(held | end[:, None], 3), value, element=element)
+        forces.append(found.reaction[end, 2].sum())
+    assert forces[0] == pytest.approx(forces[1], rel=0.02)
 
 
 @pytest.mark.parametrize("law", LAWS[1:])
