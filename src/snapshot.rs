@@ -14,7 +14,7 @@ use crate::model::{Fnv, Model};
 use crate::pose::{Line, Pose, PoseInput};
 use crate::state::{Clock, Factored, Parameters, State, ToolState};
 
-const MAGIC: &[u8; 8] = b"tissueS7";
+const MAGIC: &[u8; 8] = b"tissueS8";
 
 /// Why bytes are not a state of this model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -198,6 +198,8 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
         out.reals(tool.torque.into());
         out.reals(tool.mean_force.into());
         out.int(u64::from(tool.in_contact));
+        out.reals(tool.force_rate.into());
+        out.reals(tool.torque_rate.into());
         out.int(u64::from(tool.burned.is_some()));
         out.pose(&tool.burned.unwrap_or(tool.pose));
         out.real(tool.allowance);
@@ -223,7 +225,7 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
     out.int(state.cuts_done as u64);
     out.real(state.coupling.drift);
     state.coupling.seen.iter().for_each(|d| out.real(*d));
-    out.reals([state.since_haptic, state.nominal_substep]);
+    out.reals([state.since_haptic, state.nominal_substep, state.length]);
     out.int(state.factored.removed as u64);
     out.int(state.factored.spent);
     let mut check = Fnv::default();
@@ -247,11 +249,11 @@ pub fn size(state: &State) -> usize {
         + 11 * state.held.len()
         + 1
         + 8 * state.released.len()
-        + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1 + 9) * state.tools.len()
+        + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1 + 6 + 9) * state.tools.len()
         + 7
         + 10
         + 2
-        + 2
+        + 3
         + 2
         + state.coupling.seen.len()
         + 1;
@@ -362,7 +364,7 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     for seen in &mut state.coupling.seen {
         *seen = input.real()?;
     }
-    [state.since_haptic, state.nominal_substep] = input.reals()?;
+    [state.since_haptic, state.nominal_substep, state.length] = input.reals()?;
     state.factored = Factored {
         removed: input.index(state.live.removed.len() + 1)?,
         spent: input.int()?,
@@ -440,6 +442,8 @@ fn read_tool(input: &mut In) -> Result<ToolState, SnapshotError> {
         torque: input.vector()?,
         mean_force: input.vector()?,
         in_contact: input.flag()?,
+        force_rate: input.vector()?,
+        torque_rate: input.vector()?,
         burned: None,
         allowance: 0.0,
     };
