@@ -390,7 +390,7 @@ impl Simulation {
         (self.haptics).tangent(&self.model, &self.state, &mut self.work, of, by, component)
     }
 
-    /// - d force / d position of tool k \[N/m\] after everything has settled, symmetric. Evaluated when first asked for;
+    /// Minus d force / d position of tool k \[N/m\] after everything has settled, symmetric. Evaluated when first asked for;
     /// see [`crate::haptics::settled`].
     pub fn static_stiffness(&mut self, k: usize) -> Result<Matrix3<f64>, HapticsError> {
         (self.haptics).static_stiffness(&self.model, &self.state, &mut self.work.loose, k)
