@@ -108,6 +108,8 @@ pub struct Coupling {
     /// touchable node was last brought up to date.
     pub drift: f64,
     pub seen: Vec<f64>,
+    /// Nothing drives the part, amplitudes being zero and staying so: a trial of [`crate::haptics`].
+    is_still: bool,
 }
 
 impl Coupling {
@@ -151,17 +153,26 @@ impl Coupling {
         self.force.clone_from(&other.force);
         self.drift = other.drift;
         self.seen.clone_from(&other.seen);
+        self.is_still = other.is_still;
+    }
+
+    /// From here on nothing drives the part.
+    pub(crate) fn still(&mut self) {
+        self.amplitude.fill(0.0);
+        self.is_still = true;
     }
 
     /// Whether any amplitude is another then.
     pub fn amplitudes_change(&self, model: &Model, gravity: &[f64; 3], time: f64) -> bool {
         let drives = model.precomputed.iter().flat_map(|part| &part.drives);
-        (drives.zip(&self.amplitude)).any(|(source, a)| source.amplitude(gravity, time) != *a)
+        !self.is_still
+            && (drives.zip(&self.amplitude))
+                .any(|(source, a)| source.amplitude(gravity, time) != *a)
     }
 
     /// Whether any amplitude has changed.
     pub fn set_amplitudes(&mut self, model: &Model, gravity: &[f64; 3], time: f64) -> bool {
-        let Some(part) = &model.precomputed else {
+        let Some(part) = model.precomputed.as_ref().filter(|_| !self.is_still) else {
             return false;
         };
         let mut changed = false;
@@ -401,6 +412,28 @@ impl Coupling {
     pub fn update_all(&self, model: &Model, displacement: &mut [Lane], held: &[Held]) {
         let count = model.parts.known - model.parts.moving;
         self.update(model, displacement, held, 0..count);
+    }
+
+    /// All known velocities inside, from those of what moves the part; amplitudes as they grew in the `seconds` before
+    /// `time`. (Everything here is linear.)
+    pub fn update_velocities(
+        &self,
+        model: &Model,
+        velocity: &mut [Lane],
+        held: &[Held],
+        gravity: &[f64; 3],
+        time: f64,
+        seconds: f64,
+    ) {
+        let mut rates = self.clone();
+        let drives = model.precomputed.iter().flat_map(|part| &part.drives);
+        for (rate, source) in rates.amplitude.iter_mut().zip(drives) {
+            let growth =
+                source.amplitude(gravity, time) - source.amplitude(gravity, time - seconds);
+            *rate = growth / seconds;
+        }
+        rates.solve(model, velocity);
+        rates.update_all(model, velocity, held);
     }
 
     /// Those of touchable nodes that may be within `reach` of where `distance` is measured from \[m\]: by

@@ -13,6 +13,7 @@ pub mod couple;
 pub mod cut;
 pub mod element;
 pub mod energy;
+pub mod haptics;
 pub mod inspect;
 mod integrate;
 mod lanes;

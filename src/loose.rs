@@ -300,6 +300,16 @@ impl Scratch {
         }
     }
 
+    /// Nodes of each loose piece with its rotation, as measured.
+    pub(crate) fn turned<'a>(
+        &'a self,
+        state: &'a State,
+    ) -> impl Iterator<Item = (&'a [u32], Matrix3<f64>)> {
+        let pieces = &state.live.pieces;
+        let turned = pieces.loose().zip(&self.frames);
+        turned.map(|(piece, frame)| (&pieces.loose_nodes()[piece], frame.rotation))
+    }
+
     /// Takes the motion as a whole out of the velocities: what is left can be solved for. Nodes that something
     /// holds get the velocity that leads to their place at the end, as seen by who moves along. `seconds` are
     /// what the solution is for. (A piece of which nodes are held on some axes only keeps its velocities.)

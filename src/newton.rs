@@ -75,6 +75,21 @@ pub fn tangent_at_rest(model: &Model, live: &LiveMesh) -> Vec<(usize, usize, Mat
     tissue.tangent(&vec![Vec3::zeros(); model.mesh.nodes.len()])
 }
 
+/// d²W/du² \[N/m\] at displacements u \[m\], a node of the mesh each; what is pre-computed is linear.
+pub fn tangent(model: &Model, live: &LiveMesh, u: &[Vec3]) -> Vec<(usize, usize, Matrix3<f64>)> {
+    if let Some(springs) = &live.springs {
+        return springs.tangent(live.pattern(model), &lanes(u));
+    }
+    let inside = model.elements_inside();
+    let inside = inside.as_ref();
+    let tissue = Tissue {
+        model,
+        live,
+        inside,
+    };
+    tissue.tangent(u)
+}
+
 fn law_of(model: &Model, t: usize) -> Option<Law> {
     let uniform = model.law().filter(|_| !model.is_adaptive());
     uniform.filter(|_| model.parts.dynamic[t])

@@ -2,9 +2,13 @@
 
 use std::sync::Arc;
 
+use nalgebra::Matrix3;
+
 use crate::couple::Before;
 use crate::element::tetrahedra::Extent;
 use crate::energy::{self, Energy};
+use crate::haptics::tangent::Column;
+use crate::haptics::{Haptics, HapticsError};
 use crate::mesh::Vec3;
 use crate::model::tensor_mass::Lane;
 use crate::model::{Model, ModelError};
@@ -24,6 +28,9 @@ pub struct Simulation {
     energy: Option<Energy>,
     /// Displacements inside the pre-computed part, brought up to date when first looked at.
     inside: Option<Vec<Lane>>,
+    /// Likewise velocities.
+    inside_velocity: Option<Vec<Lane>>,
+    haptics: Haptics,
     halvings: u32,
     /// As built, for [`Simulation::reset`].
     original: Arc<Model>,
@@ -52,6 +59,8 @@ impl Simulation {
             scratch,
             energy: None,
             inside: None,
+            inside_velocity: None,
+            haptics: Haptics::default(),
             halvings: 0,
             pending: None,
         }
@@ -97,6 +106,8 @@ impl Simulation {
         let old = std::mem::replace(&mut self.state, State::new(&model));
         self.work = Workspace::new(&model, &self.state);
         self.model = model;
+        self.haptics = Haptics::default();
+        self.forget();
         for (new, old) in self.state.tools.iter_mut().zip(&old.tools) {
             new.input = old.input;
             new.input_active = old.input_active;
@@ -133,15 +144,18 @@ impl Simulation {
         if !Arc::ptr_eq(&self.model, &self.original) {
             self.model = self.original.clone();
             self.work = Workspace::new(&self.model, &State::new(&self.model));
+            self.haptics = Haptics::default();
         }
         self.state = State::new(&self.model);
         self.work.forget();
+        self.haptics.forget_all();
         self.forget();
     }
 
     /// Places the tools where the inputs say, before the first step. One whose orientation is zero
     /// stays; the error names the first such.
     pub fn place_tools(&mut self) -> Result<(), StepError> {
+        self.haptics.forget();
         let mut outcome = Ok(());
         for (k, tool) in self.state.tools.iter_mut().enumerate() {
             match tool.input.pose() {
@@ -202,6 +216,8 @@ impl Simulation {
     fn forget(&mut self) {
         self.energy = None;
         self.inside = None;
+        self.inside_velocity = None;
+        self.haptics.forget();
     }
 
     /// Seconds from the start.
@@ -217,11 +233,13 @@ impl Simulation {
     pub fn set_pose_input(&mut self, tool: usize, component: usize, value: f64) {
         let input = &mut self.state.tools[tool].input;
         input.value[component] = value;
+        self.haptics.forget();
     }
 
     /// First time derivative of a pose component; used for one step, then forgotten.
     pub fn set_pose_rate(&mut self, tool: usize, component: usize, rate: f64) {
         self.state.tools[tool].input.rate[component] = Some(rate);
+        self.haptics.forget();
     }
 
     pub fn set_active(&mut self, tool: usize, active: bool) {
@@ -360,14 +378,60 @@ impl Simulation {
         *self.energy.insert(energy)
     }
 
+    /// d force \[N\] and d torque \[N m\] of tool `of` at the end of the next step by a component of that step's pose of
+    /// tool `by`: 0..3 its position \[m\], 3..7 its quaternion w x y z as set. Evaluated when first asked for; see
+    /// [`crate::haptics::tangent`].
+    pub fn tangent(
+        &mut self,
+        of: usize,
+        by: usize,
+        component: usize,
+    ) -> Result<Column, HapticsError> {
+        (self.haptics).tangent(&self.model, &self.state, &mut self.work, of, by, component)
+    }
+
+    /// Minus d force / d position of tool k \[N/m\] after everything has settled, symmetric. Evaluated when first asked for;
+    /// see [`crate::haptics::settled`].
+    pub fn static_stiffness(&mut self, k: usize) -> Result<Matrix3<f64>, HapticsError> {
+        (self.haptics).static_stiffness(&self.model, &self.state, &mut self.work.loose, k)
+    }
+
     /// Current position of shown vertex j \[m\].
     pub fn surface_vertex(&mut self, j: usize) -> Vec3 {
-        let mut node = self.model.surface_nodes[j] as usize;
+        let node = self.shown_node(j);
+        self.state.live.rest[node] + self.displacement(node)
+    }
+
+    fn shown_node(&self, j: usize) -> usize {
+        let node = self.model.surface_nodes[j] as usize;
         if node < self.state.live.pattern(&self.model).first {
             // A spare that is not in use lies on the first vertex.
-            node = self.model.surface_nodes[0] as usize;
+            return self.model.surface_nodes[0] as usize;
         }
-        self.state.live.rest[node] + self.displacement(node)
+        node
+    }
+
+    /// Velocity of shown vertex j \[m/s\]: its way in the last substep over the length of that, with the schemes whose
+    /// velocities are of half steps; with the others that at the end of the substep.
+    pub fn surface_velocity(&mut self, j: usize) -> Vec3 {
+        let node = self.shown_node(j);
+        if node < self.model.parts.moving {
+            return self.state.velocity[node].xyz();
+        }
+        let inside = self.inside_velocity.get_or_insert_with(|| {
+            let mut known = self.state.velocity.clone();
+            let State {
+                coupling,
+                held,
+                parameters,
+                clock,
+                ..
+            } = &self.state;
+            let (gravity, time) = (&parameters.gravity, clock.time());
+            coupling.update_velocities(&self.model, &mut known, held, gravity, time, clock.substep);
+            known
+        });
+        inside[node].xyz()
     }
 
     /// Present displacement of a known node \[m\].
@@ -433,6 +497,7 @@ impl Simulation {
     pub fn restore(&mut self, saved: &State) {
         self.state.copy_from(&self.model, saved);
         self.work.forget();
+        self.haptics.forget_all();
         self.forget();
     }
 

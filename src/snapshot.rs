@@ -15,7 +15,7 @@ use crate::model::{Fnv, Model};
 use crate::pose::{Line, Pose, PoseInput};
 use crate::state::{Clock, Factored, Parameters, State, ToolState};
 
-const MAGIC: &[u8; 8] = b"tissueS8";
+const MAGIC: &[u8; 8] = b"tissueS9";
 
 /// Why bytes are not a state of this model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -209,6 +209,8 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
         out.reals(tool.mean_force.into());
         out.int(u64::from(tool.in_contact));
         out.int(u64::from(tool.slips));
+        out.reals(tool.force_rate.into());
+        out.reals(tool.torque_rate.into());
         out.int(u64::from(tool.burned.is_some()));
         out.pose(&tool.burned.unwrap_or(tool.pose));
         out.real(tool.allowance);
@@ -234,7 +236,7 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
     out.int(state.cuts_done as u64);
     out.real(state.coupling.drift);
     state.coupling.seen.iter().for_each(|d| out.real(*d));
-    out.reals([state.since_haptic, state.nominal_substep]);
+    out.reals([state.since_haptic, state.nominal_substep, state.length]);
     out.int(state.factored.removed as u64);
     out.int(state.factored.spent);
     let mut check = Fnv::default();
@@ -260,11 +262,11 @@ pub fn size(state: &State) -> usize {
         + 8 * state.released.len()
         + 1
         + 11 * state.contacts.len()
-        + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1 + 1 + 9) * state.tools.len()
+        + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1 + 1 + 6 + 9) * state.tools.len()
         + 7
         + 10
         + 2
-        + 2
+        + 3
         + 2
         + state.coupling.seen.len()
         + 1;
@@ -392,7 +394,7 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     for seen in &mut state.coupling.seen {
         *seen = input.real()?;
     }
-    [state.since_haptic, state.nominal_substep] = input.reals()?;
+    [state.since_haptic, state.nominal_substep, state.length] = input.reals()?;
     state.factored = Factored {
         removed: input.index(state.live.removed.len() + 1)?,
         spent: input.int()?,
@@ -471,6 +473,8 @@ fn read_tool(input: &mut In) -> Result<ToolState, SnapshotError> {
         mean_force: input.vector()?,
         in_contact: input.flag()?,
         slips: input.flag()?,
+        force_rate: input.vector()?,
+        torque_rate: input.vector()?,
         burned: None,
         allowance: 0.0,
     };

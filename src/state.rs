@@ -89,6 +89,9 @@ pub struct ToolState {
     pub in_contact: bool,
     /// Tissue has slipped through its grip in the last step.
     pub slips: bool,
+    /// Slopes of force \[N/s\] and torque \[N m/s\] at the end of the last step: see [`crate::haptics::slope`].
+    pub force_rate: Vec3,
+    pub torque_rate: Vec3,
     /// Of a cautery: where it was when it burnt last, none while the current is off.
     pub burned: Option<Pose>,
     /// Volume that it may burn \[m³\].
@@ -127,6 +130,8 @@ pub struct State {
     pub since_haptic: f64,
     /// Substep that steps are divided by \[s\].
     pub nominal_substep: f64,
+    /// Of the last communication step \[s\]; 0 before the first.
+    pub length: f64,
     pub factored: Factored,
 }
 
@@ -175,6 +180,7 @@ impl State {
             cuts_done: 0,
             since_haptic: f64::INFINITY,
             nominal_substep,
+            length: 0.0,
             factored: Factored::default(),
         };
         state.reserve(model);
@@ -310,9 +316,13 @@ impl State {
         self.tools.clone_from(&other.tools);
         self.account = other.account;
         self.parameters = other.parameters;
+        // Copies of them, which are no part of the history of cuts.
+        self.live.set_penalty(self.parameters.incompressibility);
+        (self.live).set_threshold(self.parameters.nonlinear_threshold);
         self.cuts_done = other.cuts_done;
         self.since_haptic = other.since_haptic;
         self.nominal_substep = other.nominal_substep;
+        self.length = other.length;
         self.factored = other.factored;
     }
 }
@@ -341,6 +351,8 @@ impl ToolState {
             mean_force: Vec3::zeros(),
             in_contact: false,
             slips: false,
+            force_rate: Vec3::zeros(),
+            torque_rate: Vec3::zeros(),
             burned: None,
             allowance: 0.0,
         }

@@ -9,6 +9,7 @@ use crate::cut;
 use crate::element::blend::Listed;
 use crate::element::tetrahedra::Extent;
 use crate::energy::Account;
+use crate::haptics::slope::{self, Slopes};
 use crate::integrate::{self, implicit_euler, leapfrog, runge_kutta_4};
 use crate::law::response::Law;
 use crate::loose;
@@ -100,6 +101,9 @@ pub struct Workspace {
     /// A cautery has touched tissue that it cannot burn.
     pub spared: bool,
     pub(crate) tears: Tears,
+    /// Nothing attaches, lets go, is cut or tears: a trial of [`crate::haptics`].
+    pub(crate) frozen: bool,
+    slopes: Slopes,
     /// Of adaptive tissue.
     pub(crate) listed: Option<Listed>,
     start: State,
@@ -141,6 +145,8 @@ impl Workspace {
             iterations: 0,
             spared: false,
             tears: Tears::new(model),
+            frozen: false,
+            slopes: Slopes::new(model),
             start,
         }
     }
@@ -173,21 +179,10 @@ pub fn step(
         return Err(StepError::TooLong(length, state.nominal_substep));
     }
     work.start.copy_from(model, state);
-    let (count, substep) = division(length, state.nominal_substep);
-    // The limit is known, of springs for any stretch: no need to run into it first.
-    let critical = critical_substep(model, state);
-    let foreseen = (substep / critical).log2().ceil().max(0.0);
-    if foreseen > f64::from(RETRIES) {
-        return Err(StepError::Unstable(substep, critical));
-    }
+    let foreseen = foreseen(model, state, length)?;
     let mut outcome = Ok(0);
-    for halvings in foreseen as u32..=RETRIES {
-        let n = count << halvings;
-        let h = if halvings == 0 {
-            substep
-        } else {
-            length / n as f64
-        };
+    for halvings in foreseen..=RETRIES {
+        let (n, h) = halved(state, length, halvings);
         outcome = advance(model, state, work, n, h).map(|()| halvings);
         match outcome {
             Ok(_) => return outcome,
@@ -201,6 +196,28 @@ pub fn step(
         }
     }
     outcome
+}
+
+/// Halvings that a step needs at least: the limit is known, of springs for any stretch, so that none must run into
+/// it first.
+pub(crate) fn foreseen(model: &Model, state: &State, length: f64) -> Result<u32, StepError> {
+    let (_, substep) = division(length, state.nominal_substep);
+    let critical = critical_substep(model, state);
+    let foreseen = (substep / critical).log2().ceil().max(0.0);
+    if foreseen > f64::from(RETRIES) {
+        return Err(StepError::Unstable(substep, critical));
+    }
+    Ok(foreseen as u32)
+}
+
+/// Number and length \[s\] of the substeps of a step after so many halvings.
+pub(crate) fn halved(state: &State, length: f64, halvings: u32) -> (u64, f64) {
+    let (count, substep) = division(length, state.nominal_substep);
+    let n = count << halvings;
+    match halvings {
+        0 => (n, substep),
+        _ => (n, length / n as f64),
+    }
 }
 
 /// Largest stable substep of the tissue as it is \[s\].
@@ -242,11 +259,18 @@ pub fn advance(
     work.impulse.fill(Vec3::zeros());
     state.tools.iter_mut().for_each(|tool| tool.slips = false);
     let period = (1.0 + 1e-6) / model.scene.integration.haptic_rate;
+    let span = slope::span(n, h, period);
     for k in 0..n {
+        if k + span == n && !work.frozen {
+            if k > 0 {
+                read_forces(model, state, work);
+            }
+            work.slopes.begin(state);
+        }
         let time = state.clock.time();
         update_loads(model, state, &mut work.before, &mut work.impulse, time);
         while let Some(scripted) = model.cuts.get(state.cuts_done) {
-            if scripted.time > state.clock.time() + 1e-9 * h {
+            if work.frozen || scripted.time > state.clock.time() + 1e-9 * h {
                 break;
             }
             state.cuts_done += 1;
@@ -261,7 +285,9 @@ pub fn advance(
         let switched = k == 0 && state.tools.iter().any(|t| t.active != t.input_active);
         // Due, or late at the next boundary.
         let tick = state.since_haptic + h > period || switched;
-        if tick {
+        if tick && work.frozen {
+            state.since_haptic = 0.0;
+        } else if tick {
             let State {
                 coupling,
                 velocity,
@@ -337,9 +363,11 @@ pub fn advance(
         tool.lines = work.paths[k].lines();
         tool.input.rate = [None; 7];
     }
-    measure_held(model, state, &mut work.loose);
-    read_forces(model, state, &work.loose);
-    slide::read_forces(model, state, &work.loose, &mut work.slide);
+    read_forces(model, state, work);
+    state.length = length;
+    if !work.frozen {
+        work.slopes.end(state, span as f64 * h);
+    }
     Ok(())
 }
 
@@ -566,7 +594,9 @@ fn measure_held(model: &Model, state: &State, loose: &mut loose::Scratch) {
 }
 
 /// End-of-step force and torque of each tool.
-fn read_forces(model: &Model, state: &mut State, loose: &loose::Scratch) {
+fn read_forces(model: &Model, state: &mut State, work: &mut Workspace) {
+    measure_held(model, state, &mut work.loose);
+    let loose = &work.loose;
     for tool in &mut state.tools {
         tool.force = Vec3::zeros();
         tool.torque = Vec3::zeros();
@@ -582,4 +612,5 @@ fn read_forces(model: &Model, state: &mut State, loose: &loose::Scratch) {
         tool.torque += (position - tool.pose.position).cross(&force);
         tool.in_contact = true;
     }
+    slide::read_forces(model, state, &work.loose, &mut work.slide);
 }

@@ -110,6 +110,27 @@ fn an_old_factor_is_restored() {
     }
 }
 
+/// Parameters of the law that were changed since come back with the state, in forces as well.
+#[test]
+fn restored_parameters_act() {
+    let penalised = r#"{"model": {"elasticity": "stVenantKirchhoff"},"#;
+    let penalised = common::BAR.replacen('{', penalised, 1);
+    for scene in [penalised, adaptive()] {
+        let (mut s, mut left) = (common::simulation(&scene), common::simulation(&scene));
+        run(&mut left, 0, 60);
+        run(&mut s, 0, 30);
+        let saved = s.save();
+        match s.model().is_adaptive() {
+            true => s.set_nonlinear_threshold(1e-5),
+            false => s.set_incompressibility(1e5),
+        }
+        run(&mut s, 30, 40);
+        s.restore(&saved);
+        run(&mut s, 30, 60);
+        assert_eq!(bits(&mut s), bits(&mut left));
+    }
+}
+
 #[test]
 fn damaged_bytes_are_refused() {
     use tissue::snapshot::SnapshotError::{Damaged, OtherModel, Version};

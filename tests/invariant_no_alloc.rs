@@ -97,3 +97,32 @@ fn a_step_allocates_nothing() {
         assert!(factors < 60 && contacts > 100 && s.state().live.removed.len() > 10);
     }
 }
+
+/// Nor does a haptic loop that asks for stiffness and slopes at every step, once it has asked with this contact.
+#[test]
+fn a_tangent_allocates_nothing() {
+    let hybrid = r#"{"model": {"kind": "hybrid", "dynamic":
+        {"halfSpace": {"point": [0.05, 0, 0], "normal": [1, 0, 0]}}},"#;
+    let venant = r#"{"model": {"elasticity": "stVenantKirchhoff"},"#;
+    for (scheme, model) in [
+        ("symplecticEuler", "{"),
+        ("rungeKutta4", hybrid),
+        ("implicitEuler", "{"),
+        ("symplecticEuler", venant),
+    ] {
+        let mut s = common::simulation(&common::bar_with(scheme).replacen('{', model, 1));
+        for k in 0..40 {
+            s.set_active(1, true);
+            s.set_pose_input(1, 0, 0.1 + 1e-5 * f64::from(k));
+            s.step(1e-3).unwrap();
+            let before = CALLS.get();
+            for component in 0..7 {
+                let column = s.tangent(1, 1, component).unwrap();
+                assert!(column.iter().any(|x| *x != 0.0));
+            }
+            s.step(1e-3).unwrap();
+            let calls = CALLS.get() - before;
+            assert!(calls == 0 || k == 0, "{scheme} {model}: {calls} at {k}");
+        }
+    }
+}

@@ -4,6 +4,7 @@ mod table;
 mod xml;
 
 pub use table::{
-    Causality, Group, Initial, Row, TABLE, Value, Variability, count, exists, reference, resolve,
+    Causality, Group, Initial, Row, TABLE, Value, Variability, count, exists, felt, posed,
+    reference, resolve,
 };
 pub use xml::{LOG_CATEGORIES, MODEL_DESCRIPTION, guid, write};

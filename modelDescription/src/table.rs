@@ -60,6 +60,8 @@ pub enum Initial {
 pub type Get<T> = fn(&mut Simulation, usize, usize) -> T;
 /// The error says what would be right.
 pub type Set<T> = fn(&mut Simulation, usize, usize, T) -> Result<(), String>;
+/// The error says why there is no value now.
+pub type Try<T> = fn(&mut Simulation, usize, usize) -> Result<T, String>;
 
 #[derive(Clone, Copy)]
 pub enum Value {
@@ -67,8 +69,15 @@ pub enum Value {
         unit: &'static str,
         get: Get<f64>,
         set: Option<Set<f64>>,
+        /// First time derivative.
+        rate: Option<Get<f64>>,
         min: Option<f64>,
         max: Option<f64>,
+    },
+    /// A Real that takes work, and may fail.
+    Evaluated {
+        unit: &'static str,
+        get: Try<f64>,
     },
     Integer {
         get: Get<i32>,
@@ -98,6 +107,9 @@ pub struct Row {
 const ONE: &[&str] = &[""];
 const XYZ: &[&str] = &[".x", ".y", ".z"];
 const WXYZ: &[&str] = &[".w", ".x", ".y", ".z"];
+const MATRIX: &[&str] = &[
+    "[1,1]", "[1,2]", "[1,3]", "[2,1]", "[2,2]", "[2,3]", "[3,1]", "[3,2]", "[3,3]",
+];
 const ROW3: &[&str] = &[",1]", ",2]", ",3]"];
 
 const fn real(unit: &'static str, get: Get<f64>) -> Value {
@@ -105,6 +117,18 @@ const fn real(unit: &'static str, get: Get<f64>) -> Value {
         unit,
         get,
         set: None,
+        rate: None,
+        min: None,
+        max: None,
+    }
+}
+
+const fn changing(unit: &'static str, get: Get<f64>, rate: Get<f64>) -> Value {
+    Value::Real {
+        unit,
+        get,
+        set: None,
+        rate: Some(rate),
         min: None,
         max: None,
     }
@@ -115,6 +139,7 @@ const fn settable(unit: &'static str, get: Get<f64>, set: Set<f64>) -> Value {
         unit,
         get,
         set: Some(set),
+        rate: None,
         min: None,
         max: None,
     }
@@ -131,6 +156,7 @@ const fn ranged(
         unit,
         get,
         set: Some(set),
+        rate: None,
         min: Some(min),
         max,
     }
@@ -203,6 +229,7 @@ const fn parameter(
 
 const fn local(
     group: Group,
+    offset: u32,
     name: &'static str,
     components: &'static [&'static str],
     value: Value,
@@ -213,7 +240,7 @@ const fn local(
         group,
         name,
         components,
-        offset: 0,
+        offset,
         value,
         causality: Causality::Local,
         variability,
@@ -237,14 +264,20 @@ pub const TABLE: &[Row] = &[
     input(7, "tool[#].active", ONE, Value::Boolean { get: |s, k, _| s.tool(k).input_active,
         set: Some(|s, k, _, v| { s.set_active(k, v); Ok(()) }) }, Discrete,
         "grasper closed, cautery current on"),
-    output(Tool, 10, "tool[#].force", XYZ, real("N", |s, k, c| s.tool(k).force[c]), Continuous,
+    output(Tool, 10, "tool[#].force", XYZ, changing("N", |s, k, c| s.tool(k).force[c],
+        |s, k, c| s.tool(k).force_rate[c]), Continuous,
         "force of the tissue on the tool at the end of the step, without the inertia of the contact nodes"),
-    output(Tool, 13, "tool[#].torque", XYZ, real("N.m", |s, k, c| s.tool(k).torque[c]), Continuous,
+    output(Tool, 13, "tool[#].torque", XYZ, changing("N.m", |s, k, c| s.tool(k).torque[c],
+        |s, k, c| s.tool(k).torque_rate[c]), Continuous,
         "moment of that force about the tool's position"),
     output(Tool, 16, "tool[#].meanForce", XYZ, real("N", |s, k, c| s.tool(k).mean_force[c]), Continuous,
         "impulse of the tissue on the tool over the step, divided by its length"),
     output(Tool, 19, "tool[#].inContact", ONE, Value::Boolean { get: |s, k, _| s.tool(k).in_contact,
         set: None }, Discrete, "the tool holds tissue"),
+    local(Tool, 20, "tool[#].stiffness", MATRIX, Value::Evaluated { unit: "N/m", get: stiffness }, Continuous,
+        "d force_j / d position_k of the next step, contact held; evaluated when read"),
+    local(Tool, 30, "tool[#].staticStiffness", MATRIX, Value::Evaluated { unit: "N/m", get: static_stiffness },
+        Continuous, "- d force_j / d position_k after everything has settled; evaluated when read"),
     output(Single, 0, "topology.revision", ONE,
         Value::Integer { get: |s, _, _| whole(s.state().live.revision) }, Discrete,
         "grows with every change of the mesh"),
@@ -318,12 +351,12 @@ pub const TABLE: &[Row] = &[
     output(Single, 40, "surface.triangleCount", ONE,
         Value::Integer { get: |s, _, _| whole(s.surface_triangle_count() as u64) }, Discrete,
         "exposed triangles"),
-    Row { group: Vertex, name: "surface.vertex[#]", components: XYZ, offset: 0, value: real("m",
-        |s, j, c| s.surface_vertex(j)[c]), causality: Causality::AsScene, variability: Continuous,
+    Row { group: Vertex, name: "surface.vertex[#]", components: XYZ, offset: 0, value: changing("m",
+        |s, j, c| s.surface_vertex(j)[c], |s, j, c| s.surface_velocity(j)[c]), causality: Causality::AsScene, variability: Continuous,
         initial: Initial::Calculated, description: "current position" },
-    local(VertexNode, "surface.node[#]", ONE, Value::Integer { get: |s, j, _| scene_node(s, j) }, Fixed,
+    local(VertexNode, 0, "surface.node[#]", ONE, Value::Integer { get: |s, j, _| scene_node(s, j) }, Fixed,
         "node of the scene's mesh, from 0"),
-    local(Triangle, "surface.triangle[#", ROW3, Value::Integer { get: |s, j, c| s.surface_triangle(j)[c] },
+    local(Triangle, 0, "surface.triangle[#", ROW3, Value::Integer { get: |s, j, c| s.surface_triangle(j)[c] },
         Discrete,
         "corner of an exposed triangle, outward, an index into surface.vertex from 0; -1: no such triangle now"),
 ];
@@ -374,6 +407,30 @@ fn set_material(s: &mut Simulation, k: usize, which: Material, value: f64) -> Re
         Material::Density => scene.materials[k].density = value,
     });
     Ok(())
+}
+
+fn stiffness(s: &mut Simulation, k: usize, c: usize) -> Result<f64, String> {
+    let column = s.tangent(k, k, c % 3).map_err(|e| e.to_string())?;
+    Ok(column[c / 3])
+}
+
+fn static_stiffness(s: &mut Simulation, k: usize, c: usize) -> Result<f64, String> {
+    let stiffness = s.static_stiffness(k).map_err(|e| e.to_string())?;
+    Ok(stiffness[(c / 3, c % 3)])
+}
+
+/// Which component of (force, torque) a component of a tool's row is, if any: what has directional derivatives.
+pub fn felt(row: &Row, component: usize) -> Option<usize> {
+    let is_felt = matches!(row.value, Value::Real { rate: Some(_), .. });
+    let at = (row.offset as usize + component).checked_sub(10)?;
+    (row.group == Tool && is_felt && at < 6).then_some(at)
+}
+
+/// Which component of the pose, position before orientation, a component of a tool's row is, if any.
+pub fn posed(row: &Row, component: usize) -> Option<usize> {
+    let is_real = matches!(row.value, Value::Real { .. });
+    let at = row.offset as usize + component;
+    (row.group == Tool && is_real && row.causality == Causality::Input).then_some(at)
 }
 
 /// Items of a group in a model.

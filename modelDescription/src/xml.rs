@@ -20,6 +20,7 @@ const UNITS: &[(&str, [i32; 3])] = &[
     ("m3", [0, 3, 0]),
     ("N", [1, 1, -2]),
     ("N.m", [1, 2, -2]),
+    ("N/m", [1, 0, -2]),
     ("J", [1, 2, -2]),
     ("Pa", [1, -1, -2]),
     ("kg/m3", [1, -3, 0]),
@@ -76,7 +77,7 @@ pub fn write(simulation: &mut Simulation) -> String {
         xml,
         r#"<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{guid}" description="{description}" generationTool="tissue-fmu {version}" variableNamingConvention="structured" numberOfEventIndicators="0">
-  <CoSimulation modelIdentifier="{name}" canHandleVariableCommunicationStepSize="true" canInterpolateInputs="true" maxOutputDerivativeOrder="0" canGetAndSetFMUstate="true" canSerializeFMUstate="true" providesDirectionalDerivative="false"/>
+  <CoSimulation modelIdentifier="{name}" canHandleVariableCommunicationStepSize="true" canInterpolateInputs="true" maxOutputDerivativeOrder="1" canGetAndSetFMUstate="true" canSerializeFMUstate="true" providesDirectionalDerivative="true"/>
   <UnitDefinitions>
 "#,
         guid = guid(&model),
@@ -188,6 +189,7 @@ fn variable(
                 bound("start", start)
             )
         }
+        Value::Evaluated { unit, .. } => write!(xml, "<Real unit=\"{unit}\"/>"),
         Value::Integer { .. } => write!(xml, "<Integer/>"),
         Value::Boolean { get, .. } if starts => {
             write!(

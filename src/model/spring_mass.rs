@@ -158,6 +158,27 @@ impl Springs {
         &self.four[self.row_start[i] as usize..self.row_start[i + 1] as usize]
     }
 
+    /// The tangent at displacements u in parts, each pair once: K_jj of either end and K_ij of an edge.
+    pub fn tangent(&self, pattern: &Pattern, u: &[Lane]) -> Vec<(usize, usize, Matrix3<f64>)> {
+        let mut entries = Vec::new();
+        for i in pattern.first..pattern.nodes() {
+            for four in self.row(i) {
+                for lane in (0..4).filter(|lane| four.stiffness[*lane] != 0.0) {
+                    let j = four.node[lane] as usize;
+                    let now = four.rest_vector(lane) + (u[j].xyz() - u[i].xyz());
+                    let least = COLLAPSED.sqrt() * four.length[lane];
+                    let l = now.norm().max(least);
+                    let across = 1.0 - four.length[lane] / l;
+                    let along = now * now.transpose() / (l * l);
+                    let block = (along * (1.0 - across) + Matrix3::identity() * across)
+                        * four.stiffness[lane];
+                    entries.extend([(i, i, block), (j, j, block), (i, j, -block)]);
+                }
+            }
+        }
+        entries
+    }
+
     /// The tangent at rest, k n n^T an edge, as a linear law.
     pub fn tangent_at_rest(&self, pattern: &Pattern) -> Tensors {
         self.network(pattern, |k, n| n * n.transpose() * k)

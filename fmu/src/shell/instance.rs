@@ -267,6 +267,26 @@ impl Instance {
         variables::set_input_derivatives(&mut self.simulation, references, orders, values)
     }
 
+    pub fn directional_derivative(
+        &mut self,
+        unknowns: &[u32],
+        knowns: &[u32],
+        direction: &[f64],
+        values: &mut [MaybeUninit<f64>],
+    ) -> Outcome {
+        let simulation = &mut self.simulation;
+        variables::directional_derivative(simulation, unknowns, knowns, direction, values)
+    }
+
+    pub fn get_output_derivatives(
+        &mut self,
+        references: &[u32],
+        orders: &[c_int],
+        values: &mut [MaybeUninit<f64>],
+    ) -> Outcome {
+        variables::get_output_derivatives(&mut self.simulation, references, orders, values)
+    }
+
     /// The step from `point` to `point + length` \[s\]. Refused with `fmi2Error` where the call is
     /// wrong, with `fmi2Discard` where it is right but the step fails; the state is then as before.
     pub fn do_step(&mut self, point: f64, length: f64) -> Outcome {

@@ -475,18 +475,21 @@ pub unsafe extern "C" fn fmi2DeSerializeFMUstate(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2GetDirectionalDerivative(
     c: *mut c_void,
-    _vUnknown_ref: *const c_uint,
-    _nUnknown: usize,
-    _vKnown_ref: *const c_uint,
-    _nKnown: usize,
-    _dvKnown: *const f64,
-    _dvUnknown: *mut f64,
+    vUnknown_ref: *const c_uint,
+    nUnknown: usize,
+    vKnown_ref: *const c_uint,
+    nKnown: usize,
+    dvKnown: *const f64,
+    dvUnknown: *mut f64,
 ) -> c_int {
     unsafe {
-        enter(c, Function::GetDirectionalDerivative, |_| {
-            Err(error(
-                "not provided: providesDirectionalDerivative is false",
-            ))
+        enter(c, Function::GetDirectionalDerivative, |instance| {
+            instance.directional_derivative(
+                list(vUnknown_ref, nUnknown, "vUnknown_ref")?,
+                list(vKnown_ref, nKnown, "vKnown_ref")?,
+                list(dvKnown, nKnown, "dvKnown")?,
+                room(dvUnknown, nUnknown, "dvUnknown")?,
+            )
         })
     }
 }
@@ -513,14 +516,18 @@ pub unsafe extern "C" fn fmi2SetRealInputDerivatives(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2GetRealOutputDerivatives(
     c: *mut c_void,
-    _vr: *const c_uint,
-    _nvr: usize,
-    _order: *const c_int,
-    _value: *mut f64,
+    vr: *const c_uint,
+    nvr: usize,
+    order: *const c_int,
+    value: *mut f64,
 ) -> c_int {
     unsafe {
-        enter(c, Function::GetRealOutputDerivatives, |_| {
-            Err(error("not provided: maxOutputDerivativeOrder is 0"))
+        enter(c, Function::GetRealOutputDerivatives, |instance| {
+            instance.get_output_derivatives(
+                list(vr, nvr, "vr")?,
+                list(order, nvr, "order")?,
+                room(value, nvr, "value")?,
+            )
         })
     }
 }

@@ -297,7 +297,9 @@ impl Host<'_> {
                     let (mut real, mut whole) = (0.0, 0);
                     let status = unsafe {
                         match row.value {
-                            Value::Real { .. } => fmi2GetReal(self.c, &vr, 1, &mut real),
+                            Value::Real { .. } | Value::Evaluated { .. } => {
+                                fmi2GetReal(self.c, &vr, 1, &mut real)
+                            }
                             Value::Integer { .. } => fmi2GetInteger(self.c, &vr, 1, &mut whole),
                             Value::Boolean { .. } => fmi2GetBoolean(self.c, &vr, 1, &mut whole),
                         }
@@ -1045,6 +1047,154 @@ fn without_setup_the_first_step_says_what_time_it_is() {
     }
 }
 
+impl Host<'_> {
+    fn derivative(&self, unknown: &[&str], known: &[&str], dv: &[f64], out: &mut [f64]) -> c_int {
+        let (unknown, known) = (self.references(unknown), self.references(known));
+        assert!(dv.len() == known.len() && out.len() == unknown.len());
+        unsafe {
+            fmi2GetDirectionalDerivative(
+                self.c,
+                unknown.as_ptr(),
+                unknown.len(),
+                known.as_ptr(),
+                known.len(),
+                dv.as_ptr(),
+                out.as_mut_ptr(),
+            )
+        }
+    }
+
+    fn slope(&self, names: &[&str], order: c_int, out: &mut [f64]) -> c_int {
+        let (vr, orders) = (self.references(names), vec![order; names.len()]);
+        unsafe {
+            let (vr, orders) = (vr.as_ptr(), orders.as_ptr());
+            fmi2GetRealOutputDerivatives(self.c, vr, names.len(), orders, out.as_mut_ptr())
+        }
+    }
+}
+
+#[test]
+fn directional_derivatives() {
+    let unpacked = Unpacked::new();
+    let mut host = unpacked.host();
+    unsafe {
+        assert_eq!(fmi2SetupExperiment(host.c, 0, 0.0, 0.0, 0, 0.0), OK);
+        assert_eq!(fmi2EnterInitializationMode(host.c), OK);
+    }
+    // Legal, and zero before any contact.
+    let force = ["tool[3].force.x", "tool[3].force.y", "tool[3].force.z"];
+    let mut column = [f64::NAN; 3];
+    let by = ["tool[3].position.x"];
+    assert_eq!(host.derivative(&force, &by, &[1.0], &mut column), OK);
+    assert_eq!(column, [0.0; 3]);
+    assert_eq!(unsafe { fmi2ExitInitializationMode(host.c) }, OK);
+    host.drive(15);
+    let before = host.outputs();
+    // Columns are the stiffness; a direction is their sum; orders of references do not matter.
+    for (k, axis) in ["x", "y", "z"].iter().enumerate() {
+        let by = format!("tool[3].position.{axis}");
+        assert_eq!(host.derivative(&force, &[&by], &[2.0], &mut column), OK);
+        for (j, x) in column.iter().enumerate() {
+            let name = format!("tool[3].stiffness[{},{}]", j + 1, k + 1);
+            assert_eq!(*x, 2.0 * host.real(&name), "{name}");
+        }
+    }
+    assert!(host.real("tool[3].stiffness[1,1]") < 0.0);
+    assert!(host.real("tool[3].staticStiffness[1,1]") > 0.0);
+    let mut sum = [f64::NAN; 2];
+    let unknown = ["tool[3].torque.y", "tool[3].force.z"];
+    let known = ["tool[3].orientation.y", "tool[3].position.x"];
+    assert_eq!(
+        host.derivative(&unknown, &known, &[0.5, -1e-3], &mut sum),
+        OK
+    );
+    let mut parts = [[f64::NAN; 2]; 2];
+    for (part, by) in parts.iter_mut().zip(known) {
+        assert_eq!(host.derivative(&unknown, &[by], &[1.0], part), OK);
+    }
+    for k in 0..2 {
+        let expected = 0.5 * parts[0][k] - 1e-3 * parts[1][k];
+        assert!(
+            (sum[k] - expected).abs() <= 1e-12 * expected.abs(),
+            "{sum:?} {parts:?}"
+        );
+    }
+    assert_eq!(host.derivative(&[], &[], &[], &mut []), OK);
+    assert_eq!(host.outputs(), before);
+    assert!(host.lines().iter().all(|l| l.0 == OK));
+    // Everything else is refused.
+    for name in [
+        "tool[1].meanForce.x",
+        "tool[1].position.x",
+        "tool[1].stiffness[1,1]",
+        "energy.elastic",
+        "surface.vertex[1].x",
+        "tool[1].inContact",
+        "topology.revision",
+    ] {
+        let mut out = [0.0];
+        assert_eq!(host.derivative(&[name], &by, &[1.0], &mut out), ERROR);
+        host.complaint("logStatusError", name);
+    }
+    for name in [
+        "tool[1].force.x",
+        "tool[1].active",
+        "gravity.x",
+        "integration.damping",
+    ] {
+        assert_eq!(host.derivative(&force, &[name], &[1.0], &mut column), ERROR);
+        host.complaint("logStatusError", name);
+    }
+    assert_eq!(
+        host.derivative(&force, &by, &[f64::NAN], &mut column),
+        DISCARD
+    );
+    host.complaint("logStatusDiscard", "tool[3].position.x");
+    // What cannot be stepped has no tangent.
+    let zero = ["tool[3].orientation.x", "tool[3].orientation.w"];
+    assert_eq!(host.try_real(&zero, &[0.0, 0.0]), OK);
+    assert_eq!(host.derivative(&force, &by, &[1.0], &mut column), DISCARD);
+    host.complaint("logStatusDiscard", "orientation is zero");
+    let (vr, mut value) = (host.reference("tool[3].stiffness[2,2]"), 0.0);
+    assert_eq!(unsafe { fmi2GetReal(host.c, &vr, 1, &mut value) }, DISCARD);
+    host.complaint("logStatusDiscard", "tool[3].stiffness[2,2]");
+    assert_eq!(unsafe { fmi2SetReal(host.c, &vr, 1, &value) }, ERROR);
+    host.complaint("logStatusError", "calculated");
+}
+
+#[test]
+fn output_derivatives() {
+    let unpacked = Unpacked::new();
+    let mut host = unpacked.started();
+    let mut slope = [f64::NAN];
+    assert_eq!(host.slope(&["tool[3].force.x"], 1, &mut slope), OK);
+    assert_eq!(slope, [0.0]);
+    host.drive(15);
+    let names = ["tool[3].force.x", "tool[3].torque.y", "surface.vertex[7].z"];
+    let before = names.map(|name| host.real(name));
+    host.drive(1);
+    let mut slopes = [f64::NAN; 3];
+    assert_eq!(host.slope(&names, 1, &mut slopes), OK);
+    for k in 0..2 {
+        let expected = (host.real(names[k]) - before[k]) / H;
+        assert!((slopes[k] - expected).abs() <= 1e-9 * expected.abs());
+    }
+    assert!(slopes[2].is_finite());
+    for name in [
+        "energy.elastic",
+        "tool[1].meanForce.x",
+        "tool[1].stiffness[1,1]",
+        "gravity.x",
+    ] {
+        assert_eq!(host.slope(&[name], 1, &mut slope), ERROR);
+        host.complaint("logStatusError", name);
+    }
+    for order in [0, 2, -1] {
+        assert_eq!(host.slope(&["tool[3].force.x"], order, &mut slope), ERROR);
+        host.complaint("logStatusError", "only order 1");
+    }
+}
+
 #[test]
 fn input_derivatives() {
     let unpacked = Unpacked::new();
@@ -1249,7 +1399,7 @@ fn no_call_is_fatal() {
         let c = host.c;
         let time = host.instance().simulation().time();
         let status = unsafe {
-            match random(20) {
+            match random(23) {
                 0..4 => fmi2SetReal(c, vr.as_ptr(), n, real.as_ptr()),
                 4..6 => fmi2SetBoolean(c, vr.as_ptr(), n, whole.as_ptr()),
                 6 => fmi2GetReal(c, vr.as_ptr(), n, reals.as_mut_ptr()),
@@ -1268,6 +1418,28 @@ fn no_call_is_fatal() {
                     let at = random(bytes.len() as u64) as usize;
                     bytes[at] ^= (random(4) / 3) as u8;
                     fmi2DeSerializeFMUstate(c, bytes.as_ptr().cast(), bytes.len(), &mut state)
+                }
+                18 => fmi2GetRealOutputDerivatives(
+                    c,
+                    vr.as_ptr(),
+                    n,
+                    whole.as_ptr(),
+                    reals.as_mut_ptr(),
+                ),
+                19..22 => {
+                    let split = random(n as u64 + 1) as usize;
+                    let (unknown, known) = vr.split_at(split);
+                    let (k, dv) = (known.len(), real.as_ptr());
+                    let out = reals.as_mut_ptr();
+                    fmi2GetDirectionalDerivative(
+                        c,
+                        unknown.as_ptr(),
+                        split,
+                        known.as_ptr(),
+                        k,
+                        dv,
+                        out,
+                    )
                 }
                 _ => call(&host, ORDER[random(ORDER.len() as u64) as usize].0),
             }

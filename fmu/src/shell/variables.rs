@@ -4,7 +4,7 @@ use std::ffi::c_int;
 use std::mem::MaybeUninit;
 
 use model_description::{
-    Causality, Row, TABLE, Value, Variability, count, exists, reference, resolve,
+    Causality, Row, TABLE, Value, Variability, count, exists, felt, posed, reference, resolve,
 };
 use tissue::model::Model;
 use tissue::simulation::Simulation;
@@ -30,7 +30,7 @@ impl Variable {
 
     fn type_name(&self) -> &'static str {
         match self.row.value {
-            Value::Real { .. } => "Real",
+            Value::Real { .. } | Value::Evaluated { .. } => "Real",
             Value::Integer { .. } => "Integer",
             Value::Boolean { .. } => "Boolean",
         }
@@ -119,10 +119,18 @@ pub fn get_real(
     references: &[u32],
     values: &mut [MaybeUninit<f64>],
 ) -> Outcome {
-    get(simulation, references, values, |value| match value {
-        Value::Real { get, .. } => Some(*get),
-        _ => None,
-    })
+    let model = simulation.model().clone();
+    let mut finder = Finder::new(&model);
+    for (reference, value) in references.iter().zip(values) {
+        let at = finder.find(*reference)?;
+        value.write(match at.row.value {
+            Value::Real { get, .. } => get(simulation, at.item, at.component),
+            Value::Evaluated { get, .. } => get(simulation, at.item, at.component)
+                .map_err(|reason| discard(format!("{}: {reason}", at.name())))?,
+            _ => return Err(error(at.wrong_type("Get"))),
+        });
+    }
+    Ok(())
 }
 
 pub fn get_integer(
@@ -218,7 +226,7 @@ pub fn set_real(
 ) -> Outcome {
     let model = simulation.model().clone();
     let variables = checked(&model, references, |k, at| {
-        let Value::Real { .. } = at.row.value else {
+        let (Value::Real { .. } | Value::Evaluated { .. }) = at.row.value else {
             return Err(error(at.wrong_type("Set")));
         };
         settable(at, before_start)?;
@@ -325,6 +333,96 @@ pub fn set_input_derivatives(
     for (at, value) in variables.iter().zip(values) {
         // A tool's pose comes first in its item: position at 0, orientation at 3.
         simulation.set_pose_rate(at.item, at.row.offset as usize + at.component, *value);
+    }
+    Ok(())
+}
+
+/// Derivatives by the poses of tools along a direction: sum_k d unknown / d known_k dv_k.
+pub fn directional_derivative(
+    simulation: &mut Simulation,
+    unknowns: &[u32],
+    knowns: &[u32],
+    direction: &[f64],
+    values: &mut [MaybeUninit<f64>],
+) -> Outcome {
+    let model = simulation.model().clone();
+    let mut finder = Finder::new(&model);
+    let mut along = Vec::with_capacity(knowns.len());
+    for (reference, change) in knowns.iter().zip(direction) {
+        let at = finder.find(*reference)?;
+        let component = posed(at.row, at.component).ok_or_else(|| {
+            error(format!(
+                "{} is no known of directional derivatives; position and orientation of tools are",
+                at.name()
+            ))
+        })?;
+        if !change.is_finite() {
+            return Err(discard(format!(
+                "the direction has {change} along {}; it must be finite",
+                at.name()
+            )));
+        }
+        along.push((at.item, component, *change));
+    }
+    for reference in unknowns {
+        let at = finder.find(*reference)?;
+        if felt(at.row, at.component).is_none() {
+            return Err(error(format!(
+                "{} has no directional derivatives; force and torque of tools have",
+                at.name()
+            )));
+        }
+    }
+    for (reference, value) in unknowns.iter().zip(values) {
+        let at = finder.find(*reference)?;
+        let own = felt(at.row, at.component).unwrap_or_default();
+        let mut sum = 0.0;
+        for (by, component, change) in along.iter().filter(|(.., change)| *change != 0.0) {
+            let column = simulation.tangent(at.item, *by, *component);
+            sum += change * column.map_err(discard)?[own];
+        }
+        if !sum.is_finite() {
+            return Err(discard(format!(
+                "the derivative of {} is too large",
+                at.name()
+            )));
+        }
+        value.write(sum);
+    }
+    Ok(())
+}
+
+/// First derivatives \[1/s of the unit\] of outputs that have them.
+pub fn get_output_derivatives(
+    simulation: &mut Simulation,
+    references: &[u32],
+    orders: &[c_int],
+    values: &mut [MaybeUninit<f64>],
+) -> Outcome {
+    let model = simulation.model().clone();
+    let rates = checked(&model, references, |k, at| {
+        if !matches!(at.row.value, Value::Real { rate: Some(_), .. }) {
+            return Err(error(format!(
+                "{} has no output derivatives; force and torque of tools and positions of vertices have",
+                at.name()
+            )));
+        }
+        if orders[k] != 1 {
+            return Err(error(format!(
+                "order {} of {} is not provided; only order 1 is",
+                orders[k],
+                at.name()
+            )));
+        }
+        Ok(())
+    })?;
+    for (at, value) in rates.iter().zip(values) {
+        if let Value::Real {
+            rate: Some(rate), ..
+        } = at.row.value
+        {
+            value.write(rate(simulation, at.item, at.component));
+        }
     }
     Ok(())
 }
