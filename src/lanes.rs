@@ -29,6 +29,8 @@ pub(crate) trait Four: Copy {
     unsafe fn transpose(rows: [Self; 4]) -> [Self; 4];
     /// Components x, y, z of four nodes.
     unsafe fn gather(from: &[Lane], nodes: [u32; 4]) -> [Self; 3];
+    /// Rows x, y, z and zeros become columns.
+    unsafe fn lanes(what: [Self; 3]) -> [Self; 4];
     /// Adds x, y, z to those of four nodes, one after the other.
     unsafe fn scatter(what: [Self; 3], to: &mut [Lane], nodes: [u32; 4]);
 }
@@ -113,6 +115,12 @@ impl Four for Plain {
     unsafe fn gather(from: &[Lane], nodes: [u32; 4]) -> [Plain; 3] {
         let lanes = nodes.map(|v| from[v as usize].0);
         std::array::from_fn(|axis| Plain(lanes.map(|lane| lane[axis])))
+    }
+
+    #[inline(always)]
+    unsafe fn lanes(what: [Plain; 3]) -> [Plain; 4] {
+        let [x, y, z] = what.map(|row| row.0);
+        std::array::from_fn(|k| Plain([x[k], y[k], z[k], 0.0]))
     }
 
     #[inline(always)]
@@ -274,22 +282,33 @@ mod avx2 {
         }
 
         #[inline(always)]
-        unsafe fn scatter(what: [Avx2; 3], to: &mut [Lane], nodes: [u32; 4]) {
+        unsafe fn lanes(what: [Avx2; 3]) -> [Avx2; 4] {
             unsafe {
                 let (x, y, z) = (what[0].0, what[1].0, what[2].0);
+                // x0 y0 x2 y2 and x1 y1 x3 y3; with its halves swapped z becomes z2 0 z0 0 and z3 0 z1 0, so that half of the
+                // columns are blends, which one of few ports need not do as it must shuffles.
                 let zero = _mm256_setzero_pd();
                 let (xy_02, xy_13) = (_mm256_unpacklo_pd(x, y), _mm256_unpackhi_pd(x, y));
-                let (z_02, z_13) = (_mm256_unpacklo_pd(z, zero), _mm256_unpackhi_pd(z, zero));
-                let lanes = [
-                    _mm256_permute2f128_pd::<0x20>(xy_02, z_02),
-                    _mm256_permute2f128_pd::<0x20>(xy_13, z_13),
-                    _mm256_permute2f128_pd::<0x31>(xy_02, z_02),
-                    _mm256_permute2f128_pd::<0x31>(xy_13, z_13),
-                ];
+                let swapped = _mm256_permute2f128_pd::<0x01>(z, z);
+                let z_20 = _mm256_blend_pd::<0b1010>(swapped, zero);
+                let z_31 = _mm256_unpackhi_pd(swapped, zero);
+                [
+                    Avx2(_mm256_blend_pd::<0b1100>(xy_02, z_20)),
+                    Avx2(_mm256_blend_pd::<0b1100>(xy_13, z_31)),
+                    Avx2(_mm256_permute2f128_pd::<0x21>(xy_02, z_20)),
+                    Avx2(_mm256_permute2f128_pd::<0x21>(xy_13, z_31)),
+                ]
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn scatter(what: [Avx2; 3], to: &mut [Lane], nodes: [u32; 4]) {
+            unsafe {
+                let lanes = Avx2::lanes(what);
                 let at = to.as_mut_ptr().cast::<f64>();
                 for k in 0..4 {
                     let place = at.add(4 * nodes[k] as usize);
-                    _mm256_store_pd(place, _mm256_add_pd(_mm256_load_pd(place), lanes[k]));
+                    _mm256_store_pd(place, _mm256_add_pd(_mm256_load_pd(place), lanes[k].0));
                 }
             }
         }

@@ -16,7 +16,7 @@
 use nalgebra::Matrix3;
 
 use super::constant_strain::Shape;
-use super::tetrahedra::{Extent, Reach, gradient};
+use super::tetrahedra::{Extent, Reach, corner_forces, differences, gradient};
 use crate::lanes::{self, Four, Plain, Square, dot, product, sub3};
 use crate::law::linear::Hooke;
 use crate::law::response::{Law, Point, Response};
@@ -107,7 +107,7 @@ impl Group {
         // SAFETY: the caller's.
         unsafe {
             let a: Square<V> = [self.three(0), self.three(3), self.three(6)];
-            (gradient(u, &self.node, &a), a)
+            (gradient(&differences(u, &self.node), &a), a)
         }
     }
 }
@@ -489,22 +489,6 @@ impl Blend {
         }
         // SAFETY: plain code needs no machine.
         unsafe { self.scan::<Plain>(u, found) }
-    }
-}
-
-/// V P a_j, and minus their sum.
-#[inline(always)]
-unsafe fn corner_forces<V: Four>(stress: &Square<V>, a: &Square<V>) -> [[V; 3]; 4] {
-    // SAFETY: the caller's.
-    unsafe {
-        let others = [
-            product(stress, a[0]),
-            product(stress, a[1]),
-            product(stress, a[2]),
-        ];
-        let zero = [V::splat(0.0); 3];
-        let first = sub3(sub3(sub3(zero, others[0]), others[1]), others[2]);
-        [first, others[0], others[1], others[2]]
     }
 }
 
