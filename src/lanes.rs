@@ -21,6 +21,8 @@ pub(crate) trait Four: Copy {
     unsafe fn max(self, other: Self) -> Self;
     /// 1 where it is above the other, else 0.
     unsafe fn above(self, other: Self) -> Self;
+    /// Whether all four are above the other's.
+    unsafe fn is_above(self, other: Self) -> bool;
     /// self * b + c
     unsafe fn mul_add(self, b: Self, c: Self) -> Self;
     /// Natural logarithm of positive normal numbers.
@@ -94,6 +96,11 @@ impl Four for Plain {
     #[inline(always)]
     unsafe fn above(self, other: Plain) -> Plain {
         self.both(other, |a, b| f64::from(u8::from(a > b)))
+    }
+
+    #[inline(always)]
+    unsafe fn is_above(self, other: Plain) -> bool {
+        (0..4).all(|k| self.0[k] > other.0[k])
     }
 
     #[inline(always)]
@@ -201,6 +208,11 @@ mod avx2 {
                 let is = _mm256_cmp_pd::<_CMP_GT_OQ>(self.0, other.0);
                 Avx2(_mm256_and_pd(is, _mm256_set1_pd(1.0)))
             }
+        }
+
+        #[inline(always)]
+        unsafe fn is_above(self, other: Avx2) -> bool {
+            unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_GT_OQ>(self.0, other.0)) == 0b1111 }
         }
 
         #[inline(always)]
