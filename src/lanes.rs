@@ -352,6 +352,12 @@ pub(crate) unsafe fn sub3<V: Four>(a: Three<V>, b: Three<V>) -> Three<V> {
     unsafe { [a[0].sub(b[0]), a[1].sub(b[1]), a[2].sub(b[2])] }
 }
 
+/// a b
+#[inline(always)]
+pub(crate) unsafe fn scale<V: Four>(a: Three<V>, b: V) -> Three<V> {
+    unsafe { [a[0].mul(b), a[1].mul(b), a[2].mul(b)] }
+}
+
 /// a . b
 #[inline(always)]
 pub(crate) unsafe fn dot<V: Four>(a: Three<V>, b: Three<V>) -> V {

@@ -18,7 +18,7 @@ use nalgebra::Matrix3;
 use super::constant_strain::Shape;
 use super::kernel::{Kernel, parameters};
 use super::tetrahedra::{Extent, Reach};
-use crate::lanes::{self, Four, Square};
+use crate::lanes::{self, Four, Square, Three, product, scale};
 use crate::law::linear::Hooke;
 use crate::law::response::{Law, Point, Response};
 use crate::law::volume_penalty;
@@ -41,12 +41,16 @@ struct Group {
     kappa: [f64; 4],
 }
 
-/// One neighbour of a point: D_jk \[m²\] and c mu L_jk \[N/m\].
+/// One neighbour of each of four points: the axes of D_jk \[m²\] and c mu L_jk \[N/m\].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C, align(32))]
-struct Entry([f64; 4]);
+struct Entries([[f64; 4]; 4]);
 
-/// Points in the order of their vertices.
+/// So many points, in the order of their vertices, are near each other. Among these they are sorted by how many entries they
+/// have, as four side by side take as long as the longest row.
+const NEAR: usize = 64;
+
+/// Points, near ones side by side.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NodalAveraged {
     pub law: Law,
@@ -54,22 +58,28 @@ pub struct NodalAveraged {
     /// k of [`crate::law::volume_penalty`] \[Pa\]; the materials' own do not count.
     pub penalty: f64,
     group: Vec<Group>,
-    /// A place of a group each: the vertex; its entries are `start[p]..start[p + 1]`, with D_jj in the first.
-    node: Vec<u32>,
+    /// A place of a group each: the vertex.
+    node: Vec<[u32; 4]>,
+    /// Entries of a group are `start[g]..start[g + 1]`, with D_jj in the first. Past the end of a row come zeros, for the vertex
+    /// itself.
     start: Vec<u32>,
-    column: Vec<u32>,
-    entry: Vec<Entry>,
+    column: Vec<[u32; 4]>,
+    entry: Vec<Entries>,
+    /// How many entries each point has.
+    count: Vec<u32>,
+    /// Places of the points in the order of their vertices.
+    place: Vec<u32>,
     /// A point each: its material, and what the scene counts that as.
     material: Vec<Hooke>,
     number: Vec<u32>,
 }
 
-/// What a tetrahedron adds to its corner j for its corner k.
-fn entry(shape: &Shape, material: &Hooke, c: f64, j: usize, k: usize) -> Entry {
+/// What a tetrahedron adds to its corner j for its corner k: D_jk and c mu L_jk.
+fn entry(shape: &Shape, material: &Hooke, c: f64, j: usize, k: usize) -> [f64; 4] {
     let d = shape.gradient[k] * (shape.volume / 4.0);
     let l = shape.volume * shape.gradient[j].dot(&shape.gradient[k]);
     let l = if j == k { 0.0 } else { c * material.mu * l };
-    Entry([d.x, d.y, d.z, l])
+    [d.x, d.y, d.z, l]
 }
 
 impl NodalAveraged {
@@ -81,7 +91,7 @@ impl NodalAveraged {
         of: impl Fn(usize) -> Option<(&'a Shape, &'a Hooke, u32)>,
     ) -> NodalAveraged {
         // (vertex, material, neighbour or the vertex itself first)
-        let mut pairs: Vec<(u32, u32, u32, Entry)> = Vec::new();
+        let mut pairs: Vec<(u32, u32, u32, [f64; 4])> = Vec::new();
         let mut volumes: Vec<(u32, u32, f64, Hooke)> = Vec::new();
         for (t, nodes) in tetrahedra.iter().enumerate() {
             let Some((shape, material, number)) = of(t) else {
@@ -107,32 +117,53 @@ impl NodalAveraged {
             start: vec![0],
             column: Vec::new(),
             entry: Vec::new(),
+            count: Vec::new(),
+            place: Vec::new(),
             material: Vec::new(),
             number: Vec::new(),
         };
-        for point in volumes.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
-            let volume: f64 = point.iter().map(|p| p.2).sum();
-            made.add_point(point[0].0, volume, &point[0].3, c);
-            made.number.push(point[0].1);
+        let rows: Vec<_> = (pairs.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)))
+            .map(|point| {
+                let each = point.chunk_by(|a, b| a.2 == b.2).map(|entries| {
+                    let sum = |axis: usize| entries.iter().map(|e| e.3[axis]).sum::<f64>();
+                    (entries[0].2, [sum(0), sum(1), sum(2), sum(3)])
+                });
+                each.collect::<Vec<_>>()
+            })
+            .collect();
+        let points: Vec<_> = volumes.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).collect();
+        let mut order: Vec<usize> = (0..points.len()).collect();
+        for near in order.chunks_mut(NEAR) {
+            near.sort_by_key(|at| rows[*at].len());
         }
-        let points = pairs.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1));
-        for point in points {
-            for entries in point.chunk_by(|a, b| a.2 == b.2) {
-                made.column.push(entries[0].2);
-                let sum = |axis: usize| entries.iter().map(|e| e.3.0[axis]).sum::<f64>();
-                made.entry.push(Entry([sum(0), sum(1), sum(2), sum(3)]));
+        made.place.resize(points.len(), 0);
+        for (p, at) in order.iter().enumerate() {
+            made.place[*at] = p as u32;
+            let (node, number, _, material) = &points[*at][0];
+            let volume: f64 = points[*at].iter().map(|p| p.2).sum();
+            made.add_point(*node, volume, material, c);
+            made.number.push(*number);
+            made.count.push(rows[*at].len() as u32);
+        }
+        for (four, node) in order.chunks(4).zip(&made.node) {
+            for k in 0..four.iter().map(|at| rows[*at].len()).max().unwrap_or(0) {
+                let (mut column, mut entry) = (*node, Entries::default());
+                for (lane, at) in four.iter().enumerate() {
+                    if let Some((other, numbers)) = rows[*at].get(k) {
+                        column[lane] = *other;
+                        (0..4).for_each(|row| entry.0[row][lane] = numbers[row]);
+                    }
+                }
+                made.column.push(column);
+                made.entry.push(entry);
             }
-            made.start.push(made.column.len() as u32);
-        }
-        while !made.node.len().is_multiple_of(4) {
-            made.node.push(made.node.last().copied().unwrap_or(0));
             made.start.push(made.column.len() as u32);
         }
         made
     }
 
     fn add_point(&mut self, node: u32, volume: f64, material: &Hooke, c: f64) {
-        let lane = self.node.len() % 4;
+        let lane = self.material.len() % 4;
         if lane == 0 {
             self.group.push(Group {
                 parameters: Default::default(),
@@ -142,8 +173,12 @@ impl NodalAveraged {
                 direction: Default::default(),
                 kappa: Default::default(),
             });
+            self.node.push([node; 4]);
         }
-        self.node.push(node);
+        // Places past the end have nodes that there are.
+        if let Some(nodes) = self.node.last_mut() {
+            nodes[lane..].fill(node);
+        }
         self.material.push(*material);
         let Some(group) = self.group.last_mut() else {
             return;
@@ -162,8 +197,22 @@ impl NodalAveraged {
         }
     }
 
-    fn row(&self, p: usize) -> std::ops::Range<usize> {
-        self.start[p] as usize..self.start[p + 1] as usize
+    /// Places of a point's entries: four times that of [`Entries`], and the lane.
+    fn row(&self, p: usize) -> impl Iterator<Item = usize> + Clone + use<> {
+        let (first, count) = (self.start[p / 4] as usize, self.count[p] as usize);
+        (first..first + count).map(move |at| 4 * at + p % 4)
+    }
+
+    fn numbers(&self, at: usize) -> [f64; 4] {
+        self.entry[at / 4].0.map(|row| row[at % 4])
+    }
+
+    fn neighbour(&self, at: usize) -> u32 {
+        self.column[at / 4][at % 4]
+    }
+
+    fn vertex(&self, p: usize) -> u32 {
+        self.node[p / 4][p % 4]
     }
 
     fn volume(&self, p: usize) -> f64 {
@@ -179,26 +228,25 @@ impl NodalAveraged {
     }
 
     fn d(&self, at: usize) -> Vec3 {
-        let [x, y, z, _] = self.entry[at].0;
+        let [x, y, z, _] = self.numbers(at);
         Vec3::new(x, y, z)
     }
 
     /// G_j, alone.
     fn gradient(&self, p: usize, u: &[Lane]) -> Matrix3<f64> {
-        let own = u[self.node[p] as usize].xyz();
+        let own = u[self.vertex(p) as usize].xyz();
         let mut sum = Matrix3::zeros();
         for at in self.row(p) {
-            let w = u[self.column[at] as usize].xyz() - own;
+            let w = u[self.neighbour(at) as usize].xyz() - own;
             sum += w * self.d(at).transpose();
         }
         sum / self.volume(p)
     }
 
-    /// Places p of points of a vertex.
+    /// Where the places of a vertex's points are in `place`.
     fn points_of(&self, node: u32) -> std::ops::Range<usize> {
-        let count = self.material.len();
-        let from = self.node[..count].partition_point(|v| *v < node);
-        let to = self.node[..count].partition_point(|v| *v <= node);
+        let from = (self.place).partition_point(|p| self.vertex(*p as usize) < node);
+        let to = (self.place).partition_point(|p| self.vertex(*p as usize) <= node);
         from..to
     }
 
@@ -206,14 +254,15 @@ impl NodalAveraged {
     pub fn node_force(&self, i: usize, u: &[Lane]) -> Vec3 {
         let node = i as u32;
         let mut sum = Vec3::zeros();
-        let own = self.points_of(node);
-        for p in own.clone() {
+        let own = &self.place[self.points_of(node)];
+        for (before, p) in own.iter().enumerate() {
+            let p = *p as usize;
             for at in self.row(p) {
-                let other = self.column[at];
-                sum += (u[other as usize].xyz() - u[i].xyz()) * self.entry[at].0[3];
+                let other = self.neighbour(at);
+                sum += (u[other as usize].xyz() - u[i].xyz()) * self.numbers(at)[3];
                 // A neighbour in several materials counts once.
-                let seen = |before: usize| self.column[self.row(before)].contains(&other);
-                if !(own.start..p).any(seen) {
+                let has = |p: &u32| self.row(*p as usize).any(|at| self.neighbour(at) == other);
+                if !own[..before].iter().any(has) {
                     sum += self.pull_of(other, node, u);
                 }
             }
@@ -224,8 +273,9 @@ impl NodalAveraged {
     /// What the points of a vertex do to another.
     fn pull_of(&self, from: u32, node: u32, u: &[Lane]) -> Vec3 {
         let mut sum = Vec3::zeros();
-        for p in self.points_of(from) {
-            let at = self.row(p).find(|at| self.column[*at] == node);
+        for p in &self.place[self.points_of(from)] {
+            let p = *p as usize;
+            let at = self.row(p).find(|at| self.neighbour(*at) == node);
             if let Some(at) = at.filter(|_| self.volume(p) > 0.0) {
                 let g = self.gradient(p, u);
                 let f = Matrix3::identity() + g;
@@ -241,7 +291,8 @@ impl NodalAveraged {
     pub(crate) fn share(&self, node: u32, u: &[Lane], v: &[Lane]) -> (f64, f64) {
         let (mut energy, mut power) = (0.0, 0.0);
         let i = node as usize;
-        for p in self.points_of(node).filter(|p| self.volume(*p) > 0.0) {
+        let places = self.place[self.points_of(node)].iter().map(|p| *p as usize);
+        for p in places.filter(|p| self.volume(*p) > 0.0) {
             let (g, rate) = (self.gradient(p, u), self.gradient(p, v));
             let (volume, c) = (self.volume(p), self.hourglass(p));
             let f = Matrix3::identity() + g;
@@ -250,10 +301,10 @@ impl NodalAveraged {
             energy -= 0.5 * c * volume * g.norm_squared();
             power += volume * stress.component_mul(&rate).sum();
             for at in self.row(p) {
-                let k = self.column[at] as usize;
+                let k = self.neighbour(at) as usize;
                 let (w, apart) = (u[k].xyz() - u[i].xyz(), v[k].xyz() - v[i].xyz());
-                energy -= 0.25 * self.entry[at].0[3] * w.norm_squared();
-                power -= 0.5 * self.entry[at].0[3] * w.dot(&apart);
+                energy -= 0.25 * self.numbers(at)[3] * w.norm_squared();
+                power -= 0.5 * self.numbers(at)[3] * w.dot(&apart);
             }
         }
         (energy, power)
@@ -267,10 +318,12 @@ impl NodalAveraged {
         c: f64,
         star: impl Iterator<Item = (&'a [u32; 4], &'a Shape, u32)> + Clone,
     ) {
-        for p in self.points_of(node) {
+        for at in self.points_of(node) {
+            let p = self.place[at] as usize;
             let row = self.row(p);
-            for entry in &mut self.entry[row.clone()] {
-                *entry = Entry::default();
+            for at in row.clone() {
+                let Entries(rows) = &mut self.entry[at / 4];
+                rows.iter_mut().for_each(|row| row[at % 4] = 0.0);
             }
             let (material, number) = (self.material[p], self.number[p]);
             let mut volume = 0.0;
@@ -278,12 +331,12 @@ impl NodalAveraged {
                 volume += shape.volume / 4.0;
                 let own = nodes.iter().position(|v| *v == node).unwrap_or(0);
                 for (k, other) in nodes.iter().enumerate() {
-                    let Some(at) = row.clone().find(|at| self.column[*at] == *other) else {
+                    let Some(at) = row.clone().find(|at| self.neighbour(*at) == *other) else {
                         continue;
                     };
-                    let Entry(add) = entry(shape, &material, c, own, k);
-                    for (sum, add) in self.entry[at].0.iter_mut().zip(add) {
-                        *sum += add;
+                    let add = entry(shape, &material, c, own, k);
+                    for (row, add) in self.entry[at / 4].0.iter_mut().zip(add) {
+                        row[at % 4] += add;
                     }
                 }
             }
@@ -300,13 +353,52 @@ impl NodalAveraged {
         self.entry.clone_from(&other.entry);
     }
 
+    /// V_j G_j and the hourglass force of four points.
+    #[inline(always)]
+    unsafe fn sums<V: Four>(&self, k: usize, u: &[Lane]) -> (Square<V>, Three<V>) {
+        // SAFETY: the caller's.
+        unsafe {
+            let zero = V::splat(0.0);
+            let own = V::gather(u, *self.node.get_unchecked(k));
+            let (mut g, mut pull) = ([[zero; 3]; 3], [zero; 3]);
+            // The first is the vertex itself.
+            let first = *self.start.get_unchecked(k) as usize + 1;
+            for at in first..*self.start.get_unchecked(k + 1) as usize {
+                let w = lanes::sub3(V::gather(u, *self.column.get_unchecked(at)), own);
+                // One number after the other, each with all of w: then there are registers for all the sums.
+                let Entries(entries) = self.entry.get_unchecked(at);
+                for axis in 0..3 {
+                    let d = V::load(&entries[axis]);
+                    g[0][axis] = w[0].mul_add(d, g[0][axis]);
+                    g[1][axis] = w[1].mul_add(d, g[1][axis]);
+                    g[2][axis] = w[2].mul_add(d, g[2][axis]);
+                }
+                let l = V::load(&entries[3]);
+                pull[0] = w[0].mul_add(l, pull[0]);
+                pull[1] = w[1].mul_add(l, pull[1]);
+                pull[2] = w[2].mul_add(l, pull[2]);
+            }
+            (g, pull)
+        }
+    }
+
+    /// Q_j D_jk of four points.
+    #[inline(always)]
+    unsafe fn force<V: Four>(&self, q: &Square<V>, at: usize) -> Three<V> {
+        // SAFETY: the caller's.
+        unsafe {
+            let Entries([x, y, z, _]) = self.entry.get_unchecked(at);
+            product(q, [V::load(x), V::load(y), V::load(z)])
+        }
+    }
+
     /// Second derivatives of W \[N/m\]: parts (i, j, block) of the upper half.
     pub fn tangent(&self, u: &[Lane]) -> Vec<(usize, usize, Matrix3<f64>)> {
         let mut entries = Vec::new();
         for p in (0..self.material.len()).filter(|p| self.volume(*p) > 0.0) {
             let f = Matrix3::identity() + self.gradient(p, u);
             let (volume, c) = (self.volume(p), self.hourglass(p));
-            let own = self.node[p] as usize;
+            let own = self.vertex(p) as usize;
             for k in self.row(p) {
                 let d_k = self.d(k);
                 let change = |axis: usize| {
@@ -315,7 +407,7 @@ impl NodalAveraged {
                 };
                 let change = [0, 1, 2].map(change);
                 for j in self.row(p) {
-                    let (i, other) = (self.column[j] as usize, self.column[k] as usize);
+                    let (i, other) = (self.neighbour(j) as usize, self.neighbour(k) as usize);
                     if i > other {
                         continue;
                     }
@@ -326,8 +418,8 @@ impl NodalAveraged {
                     }
                     entries.push((i, other, block));
                 }
-                let half = Matrix3::identity() * (0.5 * self.entry[k].0[3]);
-                let other = self.column[k] as usize;
+                let half = Matrix3::identity() * (0.5 * self.numbers(k)[3]);
+                let other = self.neighbour(k) as usize;
                 if other != own {
                     entries.push((own, own, -half));
                     entries.push((other, other, -half));
@@ -344,6 +436,8 @@ impl NodalAveraged {
             + size_of_val(&self.column[..])
             + size_of_val(&self.node[..])
             + size_of_val(&self.start[..])
+            + size_of_val(&self.count[..])
+            + size_of_val(&self.place[..])
     }
 }
 
@@ -365,41 +459,29 @@ impl Kernel for NodalAveraged {
     ) -> (f64, Extent) {
         // SAFETY: the caller's; places are in range by construction.
         unsafe {
-            let zero = V::splat(0.0);
-            let (mut sum, mut variance) = (zero, zero);
+            if self.group.is_empty() {
+                return (0.0, Extent::default());
+            }
+            let half = V::splat(0.5);
+            let mut sum = V::splat(0.0);
             let mut reach = Reach::<V>::rest();
             let penalty = V::splat(self.penalty);
+            // Hourglass forces balance, so that their work, 1/2 sum_j u_j . force, may be counted from any displacement: from
+            // one of the tissue's own a shift takes no digits.
+            let Lane([x, y, z, _]) = *u.get_unchecked(self.node[0][0] as usize);
+            let origin = [V::splat(x), V::splat(y), V::splat(z)];
+            let mut ahead = self.sums(0, u);
             for (k, group) in self.group.iter().enumerate() {
-                // Rows of the transpose of G, a point each; the fourth axis is zero.
-                let mut columns = [[zero; 4]; 3];
-                for lane in 0..4 {
-                    let p = 4 * k + lane;
-                    let own = *self.node.get_unchecked(p) as usize;
-                    let u_j = V::load(&u.get_unchecked(own).0);
-                    let (mut x, mut y, mut z, mut hourglass) = (zero, zero, zero, zero);
-                    let end = *self.start.get_unchecked(p + 1) as usize;
-                    for at in *self.start.get_unchecked(p) as usize..end {
-                        let other = *self.column.get_unchecked(at) as usize;
-                        let [d0, d1, d2, l] = self.entry.get_unchecked(at).0;
-                        let w = V::load(&u.get_unchecked(other).0).sub(u_j);
-                        x = w.mul_add(V::splat(d0), x);
-                        y = w.mul_add(V::splat(d1), y);
-                        z = w.mul_add(V::splat(d2), z);
-                        let pull = w.mul(V::splat(l));
-                        hourglass = hourglass.add(pull);
-                        variance = pull.mul_add(w, variance);
-                    }
-                    let inverse = V::splat(group.inverse[lane]);
-                    columns[0][lane] = x.mul(inverse);
-                    columns[1][lane] = y.mul(inverse);
-                    columns[2][lane] = z.mul(inverse);
-                    let force = &mut to.get_unchecked_mut(own).0;
-                    *force = V::load(force).add(hourglass).store();
-                }
-                let x = V::transpose(columns[0]);
-                let y = V::transpose(columns[1]);
-                let z = V::transpose(columns[2]);
-                let g: Square<V> = [[x[0], y[0], z[0]], [x[1], y[1], z[1]], [x[2], y[2], z[2]]];
+                let (g, pull) = ahead;
+                let own = V::gather(u, *self.node.get_unchecked(k));
+                let work = lanes::dot(lanes::sub3(own, origin), pull);
+                sum = half.mul_add(work, sum);
+                let inverse = V::load(&group.inverse);
+                let g: Square<V> = [
+                    scale(g[0], inverse),
+                    scale(g[1], inverse),
+                    scale(g[2], inverse),
+                ];
                 let point = Point::new(g);
                 let parameters = [V::load(&group.parameters[0]), V::load(&group.parameters[1])];
                 let (mut stress, mut energy) = R::respond(&point, parameters);
@@ -413,38 +495,34 @@ impl Kernel for NodalAveraged {
                 let square = lanes::dot(g[0], g[0])
                     .add(lanes::dot(g[1], g[1]))
                     .add(lanes::dot(g[2], g[2]));
-                let half = V::splat(-0.5).mul(c);
-                sum = half
-                    .mul_add(square, energy)
-                    .mul_add(V::load(&group.volume), sum);
-                let minus = zero.sub(c);
+                let less = half.mul(c).mul(square);
+                sum = energy.sub(less).mul_add(V::load(&group.volume), sum);
+                let minus = V::splat(0.0).sub(c);
                 let mut q = stress;
                 for row in 0..3 {
                     q[row][0] = minus.mul_add(g[row][0], stress[row][0]);
                     q[row][1] = minus.mul_add(g[row][1], stress[row][1]);
                     q[row][2] = minus.mul_add(g[row][2], stress[row][2]);
                 }
-                let x = V::transpose([q[0][0], q[1][0], q[2][0], zero]);
-                let y = V::transpose([q[0][1], q[1][1], q[2][1], zero]);
-                let z = V::transpose([q[0][2], q[1][2], q[2][2], zero]);
-                for lane in 0..4 {
-                    let p = 4 * k + lane;
-                    let end = *self.start.get_unchecked(p + 1) as usize;
-                    for at in *self.start.get_unchecked(p) as usize..end {
-                        let other = *self.column.get_unchecked(at) as usize;
-                        let [d0, d1, d2, _] = self.entry.get_unchecked(at).0;
-                        let force = &mut to.get_unchecked_mut(other).0;
-                        let sum = x[lane].mul_add(V::splat(d0), V::load(force));
-                        let sum = y[lane].mul_add(V::splat(d1), sum);
-                        *force = z[lane].mul_add(V::splat(d2), sum).store();
-                    }
+                // The next points' sums fill the time that the forces wait for the law.
+                if k + 1 < self.group.len() {
+                    ahead = self.sums(k + 1, u);
+                }
+                let first = *self.start.get_unchecked(k) as usize;
+                let end = *self.start.get_unchecked(k + 1) as usize;
+                let force = self.force(&q, first);
+                let force = [
+                    force[0].add(pull[0]),
+                    force[1].add(pull[1]),
+                    force[2].add(pull[2]),
+                ];
+                V::scatter(force, to, *self.column.get_unchecked(first));
+                for at in first + 1..end {
+                    V::scatter(self.force(&q, at), to, *self.column.get_unchecked(at));
                 }
             }
             let [a, b, c, d] = sum.store();
-            let [x, y, z, _] = variance.store();
-            // Each edge has been seen from both ends.
-            let energy = (a + b) + (c + d) - 0.25 * ((x + y) + z);
-            (energy, reach.extent())
+            ((a + b) + (c + d), reach.extent())
         }
     }
 }
