@@ -1,6 +1,6 @@
 //! Cutting: tetrahedra go, and the account books what goes with them.
 
-use crate::contact::geometry::{Capsule, boxes_meet};
+use crate::contact::geometry::boxes_meet;
 use crate::contact::hold::{self, Held, Released};
 use crate::loose;
 use crate::model::Model;
@@ -27,7 +27,8 @@ impl Scratch {
             scratch.worklist.reserve(model);
             scratch.lost.reserve(model.mesh.tetrahedra.len());
             scratch.search = Search::new(model);
-            scratch.nodes.reserve(4 * model.mesh.tetrahedra.len());
+            let spares = model.parts.spares;
+            (scratch.nodes).reserve(4 * model.mesh.tetrahedra.len() + 2 * spares);
         }
         scratch
     }
@@ -44,6 +45,7 @@ pub fn event(
 ) {
     let first = state.live.removed.len();
     let before = loose.before(model, state, chosen);
+    let splits = state.live.splits.len();
     let spares = state.live.pattern(model).first;
     let mut severs = false;
     for t in chosen {
@@ -74,6 +76,10 @@ pub fn event(
             state.live.cleaned_volume += model.shape[*t as usize].volume;
         }
     }
+    scratch.nodes.clear();
+    scratch.nodes.extend(state.live.split_nodes(splits));
+    let opened = state.live.pattern(model).first..spares;
+    (scratch.nodes).extend(opened.clone().map(|new| new as u32));
     settle(model, state, first, &mut scratch.nodes);
     (state.live).find_pieces(model, first, severs, &mut scratch.search);
     for at in first..state.live.removed.len() {
@@ -82,7 +88,7 @@ pub fn event(
             state.refresh_external(model, node as usize);
         }
     }
-    for new in state.live.pattern(model).first..spares {
+    for new in opened {
         let origin = state.live.origin[new] as usize;
         for t in model.topology.star(origin) {
             // Beside connection nodes there is pre-computed tissue.
@@ -98,10 +104,9 @@ pub fn event(
     state.account.dissipated -= loose.gained(model, state, before, &scratch.search.changed);
 }
 
-/// Brings forces up to date after removals, those from the `first` on, and books what points of elements lose. Nodes
-/// of which nothing is left are at rest and let go.
+/// Brings forces up to date after removals, those from the `first` on, and books what points of elements lose, those of
+/// the given `nodes` that have been split or made among them. Nodes of which nothing is left are at rest and let go.
 fn settle(model: &Model, state: &mut State, first: usize, nodes: &mut Vec<u32>) {
-    nodes.clear();
     for t in &state.live.removed[first..] {
         nodes.extend_from_slice(&state.live.tetrahedra[*t as usize]);
     }
@@ -200,9 +205,7 @@ pub fn spares(model: &Model, state: &State, k: usize) -> bool {
     if model.parts.touchable == 0 {
         return false;
     }
-    let tool = &model.scene.tools[k];
-    let capsule = Capsule::of(&tool.shape, &state.tools[k].pose, tool.active_length);
-    let (low, high) = capsule.bounds(0.0);
+    let shape = model.tools[k].active_at(&state.tools[k].pose);
     state.live.surface.iter().any(|face| {
         let vertices = state.live.triangle(model, *face);
         let [first, second] = model.topology.faces[*face as usize].tetrahedra;
@@ -215,6 +218,9 @@ pub fn spares(model: &Model, state: &State, k: usize) -> bool {
             return false;
         }
         let corners = vertices.map(|v| state.position(v));
-        boxes_meet(&corners, &low, &high) && capsule.touches(&corners)
+        shape.clone().any(|capsule| {
+            let (low, high) = capsule.bounds(0.0);
+            boxes_meet(&corners, &low, &high) && capsule.touches(&corners)
+        })
     })
 }

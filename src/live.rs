@@ -4,10 +4,8 @@ use nalgebra::Matrix3;
 
 use crate::element::Elements;
 use crate::element::blend::Blend;
-use crate::element::nodal_averaged::NodalAveraged;
-use crate::element::nodal_pressure::NodalPressure;
-use crate::element::polynomial::{self, Polynomial};
-use crate::element::tetrahedra::{self, Extent, Tetrahedra};
+use crate::element::polynomial;
+use crate::element::tetrahedra::{self, Extent};
 use crate::law::linear::Hooke;
 use crate::law::response::Law;
 use crate::mesh::Vec3;
@@ -18,7 +16,7 @@ use crate::model::sweep::{Advance, Motion, Sums, sweep};
 use crate::model::tensor_mass::{Lane, Pattern, Tensors};
 use crate::model::{Model, element_sweep, spring_sweep};
 use crate::pieces::{Pieces, Search, Tissue};
-use crate::scene::{CutMass, Element, Form, Mass, ModelKind};
+use crate::scene::{CutMass, Mass, ModelKind};
 
 /// Everything that a cut changes. A pure function of the model and of the list of removals in their
 /// order, to the bit: that list is what a saved state holds.
@@ -51,7 +49,7 @@ pub struct LiveMesh {
     pub tensors: Tensors,
     /// Of model kind `springMass`.
     pub springs: Option<Springs>,
-    /// Of a non-linear law.
+    /// Where tensors do not serve.
     pub elements: Option<Elements>,
     /// On top of the tensors, where tissue is adaptive.
     pub blend: Option<Blend>,
@@ -88,32 +86,10 @@ impl LiveMesh {
             })
         });
         let uniform = model.law().filter(|_| !model.is_adaptive());
-        let mut elements = uniform.map(|law| {
-            let all = &model.mesh.tetrahedra;
-            let of = |t: usize| {
-                let t = Some(t).filter(|t| model.parts.dynamic[*t])?;
-                let number = model.material_number(t);
-                Some((&model.shape[t], &model.material(t).law, number))
-            };
-            let each = || Tetrahedra::new(law, all, |t| of(t).map(|(shape, m, _)| (shape, m)));
-            let form = model.scene.model.form;
-            match model.element() {
-                Element::ConstantStrain if form == Form::Polynomial => {
-                    let own = Polynomial::new(all, |t| of(t).map(|(shape, m, _)| (shape, m)));
-                    Elements::Polynomial(Box::new(own), each())
-                }
-                Element::ConstantStrain => Elements::ConstantStrain(each()),
-                Element::NodalPressure => {
-                    Elements::NodalPressure(Box::new(NodalPressure::new(law, all, of)))
-                }
-                Element::NodalAveraged => {
-                    let own = NodalAveraged::new(law, model.scene.model.hourglass, all, of);
-                    Elements::NodalAveraged(Box::new(own), each())
-                }
-            }
-        });
+        let mut elements = uniform.map(|law| model.elements(law, true));
         if let Some(elements) = &mut elements {
             elements.set_penalty(model.scene_penalty());
+            elements.reserve(model.parts.spares, model.pattern.spare_places());
         }
         let is_linear = springs.is_none() && elements.is_none();
         let tensors = match is_linear {
@@ -235,12 +211,19 @@ impl LiveMesh {
 
     /// Whether forces are right under any rotation, so that loose pieces need no frames.
     pub fn is_objective(&self) -> bool {
-        self.springs.is_some() || self.elements.is_some()
+        let elements = self.elements.as_ref();
+        self.springs.is_some() || elements.is_some_and(|e| e.law() != Law::Linear)
+    }
+
+    /// Whether the linear law is in tensors.
+    fn has_tensors(&self) -> bool {
+        self.springs.is_none() && self.elements.is_none()
     }
 
     /// How far what has a non-linear law is deformed.
     pub fn extent(&self, u: &[Lane]) -> Extent {
         match (&self.elements, &self.blend) {
+            (Some(elements), _) if elements.law() == Law::Linear => Extent::default(),
             (Some(elements), _) => elements.tetrahedra().extent(u),
             (_, Some(blend)) => blend.extent(u),
             _ => Extent::default(),
@@ -348,7 +331,7 @@ impl LiveMesh {
         u: &[Lane],
         to: &mut [Lane],
     ) {
-        if !self.is_objective() {
+        if self.has_tensors() {
             (self.tensors).products_among(self.pattern(model), nodes, u, to);
             return self.each_beyond(model, nodes, u, |nodes, (force, ..)| {
                 for (node, force) in nodes.iter().zip(force) {
@@ -505,6 +488,9 @@ impl LiveMesh {
         if let Some(springs) = &mut self.springs {
             springs.open(&self.around, &self.rest);
         }
+        if let Some(elements) = &mut self.elements {
+            elements.open(new, node);
+        }
         let header = [self.removed.len() as u32, node, moved.len() as u32];
         self.splits.extend(header.iter().chain(moved));
         self.revision += 1;
@@ -648,7 +634,9 @@ impl LiveMesh {
     pub(crate) fn share(&self, nodes: &[u32], u: &[Lane], v: &[Lane]) -> (f64, f64) {
         let mut sum = (0.0, 0.0);
         if let Some(elements) = &self.elements {
-            for node in nodes {
+            // What is loose and has a frame is looked at as a whole.
+            let framed = |node: u32| !self.is_objective() && self.pieces.is_loose(node as usize);
+            for node in nodes.iter().filter(|node| !framed(**node)) {
                 let (energy, power) = elements.share(*node, u, v);
                 sum = (sum.0 + energy, sum.1 + power);
             }
@@ -665,7 +653,10 @@ impl LiveMesh {
             Some(Elements::NodalAveraged(own, _)) => own,
         };
         let star = model.topology.star(origin).iter();
-        let left = star.filter(|t| self.alive[**t as usize] && model.parts.dynamic[**t as usize]);
+        let left = star.filter(|t| {
+            let t = **t as usize;
+            self.alive[t] && model.parts.dynamic[t] && self.tetrahedra[t].contains(&node)
+        });
         let tissue = left.map(|t| {
             let t = *t as usize;
             (
@@ -674,13 +665,13 @@ impl LiveMesh {
                 model.material_number(t),
             )
         });
-        own.sum_again(node, model.scene.model.hourglass, tissue);
+        own.sum_again(node, tissue);
     }
 
     /// The tensor of a node, of those of its edges; its mass.
     fn sum_node(&mut self, model: &Model, node: usize) {
         self.sum_points(model, node as u32);
-        if !self.is_objective() {
+        if self.has_tensors() {
             let pattern = self.pattern.as_deref().unwrap_or(&model.pattern);
             self.tensors.close(pattern, node);
         }
@@ -744,6 +735,18 @@ impl LiveMesh {
         live.replay(model, removed, splits);
         live.pieces = live.whole_pieces(model);
         live
+    }
+
+    /// Nodes that have been split, from a place in the list of splits on.
+    pub(crate) fn split_nodes(&self, from: usize) -> impl Iterator<Item = u32> + '_ {
+        let mut rest = &self.splits[from..];
+        std::iter::from_fn(move || {
+            let [_, node, count, later @ ..] = rest else {
+                return None;
+            };
+            rest = &later[*count as usize..];
+            Some(*node)
+        })
     }
 
     /// The part of the splits that came before the first so many removals were complete.
@@ -816,6 +819,11 @@ impl LiveMesh {
         if let Some(pattern) = &mut self.pattern {
             pattern.reserve();
             self.splits.reserve(4 * model.mesh.tetrahedra.len());
+        }
+        if let Some(elements) = &mut self.elements {
+            let spares = self.pattern.as_ref().map(|p| (p.first, p.spare_places()));
+            let (vertices, neighbours) = spares.unwrap_or_default();
+            elements.reserve(vertices, neighbours);
         }
         self.around.reserve(12 * model.mesh.tetrahedra.len());
         self.edges.reserve(18 * model.mesh.tetrahedra.len());

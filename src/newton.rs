@@ -42,9 +42,37 @@ struct At {
     least: f64,
 }
 
-/// dW/du \[N\] of all that is alive, what is pre-computed by the linear law.
+/// All that is alive, what is pre-computed by the linear law.
+#[derive(Clone, Copy)]
+struct Tissue<'a> {
+    model: &'a Model,
+    live: &'a LiveMesh,
+    /// The pre-computed part, where vertices have points.
+    inside: Option<&'a Elements>,
+}
+
+/// dW/du \[N\].
 pub fn internal_forces(model: &Model, live: &LiveMesh, u: &[Vec3]) -> Vec<Vec3> {
-    evaluate(model, live, u).internal
+    let inside = model.elements_inside();
+    let inside = inside.as_ref();
+    let tissue = Tissue {
+        model,
+        live,
+        inside,
+    };
+    tissue.evaluate(u).internal
+}
+
+/// d²W/du² \[N/m\] at rest in parts, each pair once.
+pub fn tangent_at_rest(model: &Model, live: &LiveMesh) -> Vec<(usize, usize, Matrix3<f64>)> {
+    let inside = model.elements_inside();
+    let inside = inside.as_ref();
+    let tissue = Tissue {
+        model,
+        live,
+        inside,
+    };
+    tissue.tangent(&vec![Vec3::zeros(); model.mesh.nodes.len()])
 }
 
 fn law_of(model: &Model, t: usize) -> Option<Law> {
@@ -52,95 +80,101 @@ fn law_of(model: &Model, t: usize) -> Option<Law> {
     uniform.filter(|_| model.parts.dynamic[t])
 }
 
-fn evaluate(model: &Model, live: &LiveMesh, u: &[Vec3]) -> At {
-    let mut at = At {
-        internal: vec![Vec3::zeros(); u.len()],
-        energy: 0.0,
-        least: f64::INFINITY,
-    };
-    let with_points = with_points(live);
-    if let Some(elements) = with_points {
-        let mut forces = vec![Lane::default(); u.len()];
-        let mut points = vec![0.0; elements.points()];
-        at.energy = elements.add_forces(&lanes(u), &mut forces, &mut points).0;
-        for (to, force) in at.internal.iter_mut().zip(&forces) {
-            *to = force.xyz();
-        }
+impl Tissue<'_> {
+    /// Elements of which no tetrahedron stands alone: the dynamic ones, and the others.
+    fn with_points(&self) -> [Option<&Elements>; 2] {
+        let alone = |e: &&Elements| matches!(e, Elements::ConstantStrain(_));
+        [
+            self.live.elements.as_ref().filter(|e| !alone(e)),
+            self.inside,
+        ]
     }
-    for (t, nodes) in live.tetrahedra.iter().enumerate() {
-        if !live.alive[t] {
-            continue;
-        }
-        let (shape, material) = (&model.shape[t], &live.material(model, t));
-        let own = nodes.map(|v| u[v as usize]);
-        at.least = at.least.min(shape.deformation_gradient(&own).determinant());
-        if with_points.is_some() && model.parts.dynamic[t] {
-            continue;
-        }
-        let (force, energy) = match law_of(model, t) {
-            Some(law) => tetrahedra::force(law, material, shape, &own),
-            None => {
-                let force = shape.linear_force(material, &own);
-                let twice: f64 = own.iter().zip(&force).map(|(u, f)| u.dot(f)).sum();
-                (force, 0.5 * twice)
-            }
+    fn evaluate(&self, u: &[Vec3]) -> At {
+        let Tissue { model, live, .. } = *self;
+        let mut at = At {
+            internal: vec![Vec3::zeros(); u.len()],
+            energy: 0.0,
+            least: f64::INFINITY,
         };
-        for (v, f) in nodes.iter().zip(force) {
-            at.internal[*v as usize] += f;
+        let with_points = self.with_points();
+        for elements in with_points.into_iter().flatten() {
+            let mut forces = vec![Lane::default(); u.len()];
+            let mut points = vec![0.0; elements.points()];
+            at.energy += elements.add_forces(&lanes(u), &mut forces, &mut points).0;
+            for (to, force) in at.internal.iter_mut().zip(&forces) {
+                *to += force.xyz();
+            }
         }
-        at.energy += energy;
-        if let Some(blend) = live.blend.as_ref().filter(|_| model.parts.dynamic[t]) {
-            let (force, energy, _) = blend.force(material, shape, &own);
+        for (t, nodes) in live.tetrahedra.iter().enumerate() {
+            if !live.alive[t] {
+                continue;
+            }
+            let (shape, material) = (&model.shape[t], &live.material(model, t));
+            let own = nodes.map(|v| u[v as usize]);
+            at.least = at.least.min(shape.deformation_gradient(&own).determinant());
+            if with_points[usize::from(!model.parts.dynamic[t])].is_some() {
+                continue;
+            }
+            let (force, energy) = match law_of(model, t) {
+                Some(law) => tetrahedra::force(law, material, shape, &own),
+                None => {
+                    let force = shape.linear_force(material, &own);
+                    let twice: f64 = own.iter().zip(&force).map(|(u, f)| u.dot(f)).sum();
+                    (force, 0.5 * twice)
+                }
+            };
             for (v, f) in nodes.iter().zip(force) {
                 at.internal[*v as usize] += f;
             }
             at.energy += energy;
+            if let Some(blend) = live.blend.as_ref().filter(|_| model.parts.dynamic[t]) {
+                let (force, energy, _) = blend.force(material, shape, &own);
+                for (v, f) in nodes.iter().zip(force) {
+                    at.internal[*v as usize] += f;
+                }
+                at.energy += energy;
+            }
         }
+        at
     }
-    at
-}
 
-/// Elements of which no tetrahedron stands alone.
-fn with_points(live: &LiveMesh) -> Option<&Elements> {
-    let alone = |e: &&Elements| matches!(e, Elements::ConstantStrain(_));
-    live.elements.as_ref().filter(|e| !alone(e))
+    /// K_jk in parts, each pair once.
+    fn tangent(&self, u: &[Vec3]) -> Vec<(usize, usize, Matrix3<f64>)> {
+        let Tissue { model, live, .. } = *self;
+        let with_points = self.with_points().map(|e| e?.tangent(&lanes(u)));
+        let has_points = with_points.each_ref().map(Option::is_some);
+        let mut entries: Vec<_> = with_points.into_iter().flatten().flatten().collect();
+        for (t, nodes) in live.tetrahedra.iter().enumerate() {
+            if !live.alive[t] || has_points[usize::from(!model.parts.dynamic[t])] {
+                continue;
+            }
+            let (shape, material) = (&model.shape[t], &live.material(model, t));
+            let f = shape.deformation_gradient(&nodes.map(|v| u[v as usize]));
+            for k in 0..4 {
+                let change = |axis: usize| {
+                    let df = Vec3::ith(axis, 1.0) * shape.gradient[k].transpose();
+                    match law_of(model, t) {
+                        Some(law) => law.tangent(material, &f, &df),
+                        None => {
+                            let linear = material.stress(&((df + df.transpose()) * 0.5));
+                            linear + beyond(model, live, t, &f, &df)
+                        }
+                    }
+                };
+                let stress = [0, 1, 2].map(change);
+                for j in 0..=k {
+                    let a = shape.gradient[j] * shape.volume;
+                    let block = Matrix3::from_columns(&stress.map(|s| s * a));
+                    entries.push((nodes[j] as usize, nodes[k] as usize, block));
+                }
+            }
+        }
+        entries
+    }
 }
 
 fn lanes(u: &[Vec3]) -> Vec<Lane> {
     u.iter().map(|u| Lane::from(*u)).collect()
-}
-
-/// K_jk in parts, each pair once.
-fn tangent(model: &Model, live: &LiveMesh, u: &[Vec3]) -> Vec<(usize, usize, Matrix3<f64>)> {
-    let with_points = (live.elements.as_ref()).and_then(|elements| elements.tangent(&lanes(u)));
-    let has_points = with_points.is_some();
-    let mut entries = with_points.unwrap_or_default();
-    for (t, nodes) in live.tetrahedra.iter().enumerate() {
-        if !live.alive[t] || (has_points && model.parts.dynamic[t]) {
-            continue;
-        }
-        let (shape, material) = (&model.shape[t], &live.material(model, t));
-        let f = shape.deformation_gradient(&nodes.map(|v| u[v as usize]));
-        for k in 0..4 {
-            let change = |axis: usize| {
-                let df = Vec3::ith(axis, 1.0) * shape.gradient[k].transpose();
-                match law_of(model, t) {
-                    Some(law) => law.tangent(material, &f, &df),
-                    None => {
-                        let linear = material.stress(&((df + df.transpose()) * 0.5));
-                        linear + beyond(model, live, t, &f, &df)
-                    }
-                }
-            };
-            let stress = [0, 1, 2].map(change);
-            for j in 0..=k {
-                let a = shape.gradient[j] * shape.volume;
-                let block = Matrix3::from_columns(&stress.map(|s| s * a));
-                entries.push((nodes[j] as usize, nodes[k] as usize, block));
-            }
-        }
-    }
-    entries
 }
 
 /// Of adaptive tissue on top of Hooke's law: change of stress \[Pa\] with F.
@@ -171,9 +205,13 @@ pub fn solve(
     if (live.blend.as_ref()).is_some_and(|blend| blend.rule == Adaptive::PerVertex) {
         return Err(StaticsError::NoEnergy);
     }
+    let inside = model.elements_inside();
     let problem = Problem {
-        model,
-        live,
+        tissue: Tissue {
+            model,
+            live,
+            inside: inside.as_ref(),
+        },
         free,
         held,
         external,
@@ -202,8 +240,7 @@ pub fn solve(
 }
 
 struct Problem<'a> {
-    model: &'a Model,
-    live: &'a LiveMesh,
+    tissue: Tissue<'a>,
     free: &'a [[bool; 3]],
     held: &'a [Vec3],
     external: &'a [Vec3],
@@ -219,7 +256,7 @@ impl Problem<'_> {
         corrections: &mut usize,
     ) -> Result<(Vec<Vec3>, f64), StaticsError> {
         let mut u = from.to_vec();
-        let mut at = evaluate(self.model, self.live, &u);
+        let mut at = self.tissue.evaluate(&u);
         for k in 0..MOST_CORRECTIONS {
             let residual = self.residual(&at, share);
             if k > 0 && residual < TOLERANCE {
@@ -257,7 +294,7 @@ impl Problem<'_> {
 
     /// K du = r on what is free, du what supports lack where it is not.
     fn correction(&self, u: &[Vec3], at: &At, share: f64) -> Result<Vec<Vec3>, StaticsError> {
-        let entries = tangent(self.model, self.live, u);
+        let entries = self.tissue.tangent(u);
         let mut way: Vec<Vec3> = (0..u.len())
             .map(|i| {
                 Vec3::from_fn(|a, _| match self.free[i][a] {
@@ -296,7 +333,7 @@ impl Problem<'_> {
 
     fn moved(&self, u: &[Vec3], way: &[Vec3], part: f64) -> Option<(Vec<Vec3>, At)> {
         let moved: Vec<Vec3> = u.iter().zip(way).map(|(u, d)| u + d * part).collect();
-        let at = evaluate(self.model, self.live, &moved);
+        let at = self.tissue.evaluate(&moved);
         at.energy.is_finite().then_some((moved, at))
     }
 

@@ -15,6 +15,7 @@ use crate::model::precomputed::Interface;
 use crate::model::stiffness::Stiffness;
 use crate::model::tensor_mass::{Pattern, Tensors};
 use crate::newton::{self, Solution};
+use crate::scene::Element;
 use crate::state::State;
 use crate::statics::{self, Factor, Numbering, StaticsError};
 
@@ -157,7 +158,7 @@ pub fn equilibrium(model: &Model, live: &LiveMesh) -> Result<Solution, StaticsEr
         }
     }
     let external = external(model, live);
-    if model.law().is_some() {
+    if model.is_nonlinear() {
         return newton::solve(model, live, &free, &u, &external);
     }
     let (pattern, tensors) = assemble(model, live);
@@ -220,7 +221,11 @@ pub fn interface_error(model: &Model) -> Result<Option<f64>, StaticsError> {
 
 /// All that is alive in one matrix, whoever computes it in real time.
 fn assemble(model: &Model, live: &LiveMesh) -> (Pattern, Tensors) {
-    let pattern = Pattern::new(model.mesh.nodes.len(), &live.tetrahedra);
+    let nodes = model.mesh.nodes.len();
+    if model.element() != Element::ConstantStrain {
+        return Tensors::assemble(nodes, &newton::tangent_at_rest(model, live));
+    }
+    let pattern = Pattern::new(nodes, &live.tetrahedra);
     let mut tensors = Tensors::zeros(&pattern);
     for (t, nodes) in live.tetrahedra.iter().enumerate() {
         if live.alive[t] {

@@ -181,7 +181,7 @@ impl Simulation {
                 .count();
             return blend.share(&self.state.displacement, count);
         }
-        if self.model.law().is_some() { 1.0 } else { 0.0 }
+        if self.model.is_nonlinear() { 1.0 } else { 0.0 }
     }
 
     /// Whether a cautery has touched pre-computed tissue, which cannot be cut.

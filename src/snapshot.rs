@@ -6,6 +6,7 @@
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use crate::contact::hold::{Held, Released};
+use crate::contact::slide::Contact;
 use crate::energy::Account;
 use crate::live::LiveMesh;
 use crate::mesh::Vec3;
@@ -14,7 +15,7 @@ use crate::model::{Fnv, Model};
 use crate::pose::{Line, Pose, PoseInput};
 use crate::state::{Clock, Factored, Parameters, State, ToolState};
 
-const MAGIC: &[u8; 8] = b"tissueS7";
+const MAGIC: &[u8; 8] = b"tissueS8";
 
 /// Why bytes are not a state of this model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -177,6 +178,14 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
         out.reals(released.local.into());
         out.reals(released.normal.into());
     }
+    out.int(state.contacts.len() as u64);
+    for contact in &state.contacts {
+        out.int(u64::from(contact.tool));
+        out.int(u64::from(contact.capsule));
+        (contact.nodes.iter()).for_each(|v| out.int(u64::from(*v)));
+        out.reals(contact.force.into());
+        out.reals(contact.velocity.into());
+    }
     for tool in &state.tools {
         out.reals(tool.input.value);
         tool.input.rate.iter().for_each(|r| out.option(*r));
@@ -247,6 +256,8 @@ pub fn size(state: &State) -> usize {
         + 11 * state.held.len()
         + 1
         + 8 * state.released.len()
+        + 1
+        + 11 * state.contacts.len()
         + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1 + 9) * state.tools.len()
         + 7
         + 10
@@ -329,6 +340,22 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
             tool: input.index(tools)? as u32,
             local: input.vector()?,
             normal: input.vector()?,
+        });
+    }
+    state.contacts.clear();
+    for _ in 0..input.index(usize::MAX)? {
+        let tool = input.index(tools)?;
+        let capsule = input.index(2 * model.tools[tool].capsules())? as u32;
+        let mut place = [0; 3];
+        for node in &mut place {
+            *node = input.index(model.parts.moving)? as u32;
+        }
+        state.contacts.push(Contact {
+            tool: tool as u32,
+            capsule,
+            nodes: place,
+            force: input.vector()?,
+            velocity: input.vector()?,
         });
     }
     for tool in &mut state.tools {

@@ -1,6 +1,7 @@
 //! Everything that changes while a scene runs. Its copy is a saved state.
 
 use crate::contact::hold::{Held, Released};
+use crate::contact::slide::{self, Contact};
 use crate::couple::Coupling;
 use crate::element::tetrahedra::Extent;
 use crate::energy::{Account, Scratch};
@@ -113,6 +114,8 @@ pub struct State {
     pub held: Vec<Held>,
     /// Lately let go by a probe.
     pub released: Vec<Released>,
+    /// Where tools that slide may touch, by tool and place.
+    pub contacts: Vec<Contact>,
     pub tools: Vec<ToolState>,
     pub account: Account,
     pub parameters: Parameters,
@@ -163,6 +166,7 @@ impl State {
             inverse_mass: vec![Lane::default(); nodes],
             held: Vec::new(),
             released: Vec::new(),
+            contacts: Vec::new(),
             tools: model.scene.tools.iter().map(ToolState::new).collect(),
             account: Account::default(),
             parameters,
@@ -205,6 +209,7 @@ impl State {
         let nodes = self.displacement.len();
         self.held.reserve(2 * nodes);
         self.released.reserve(nodes * model.scene.tools.len());
+        self.contacts.reserve(slide::room(model));
         self.live.reserve(model);
         self.coupling.reserve();
     }
@@ -299,6 +304,7 @@ impl State {
         self.inverse_mass.clone_from(&other.inverse_mass);
         self.held.clone_from(&other.held);
         self.released.clone_from(&other.released);
+        self.contacts.clone_from(&other.contacts);
         self.tools.clone_from(&other.tools);
         self.account = other.account;
         self.parameters = other.parameters;

@@ -3,6 +3,7 @@
 use crate::contact::burn;
 use crate::contact::geometry::Capsule;
 use crate::contact::hold::{self, Held};
+use crate::contact::slide;
 use crate::couple::Before;
 use crate::cut;
 use crate::element::blend::Listed;
@@ -15,7 +16,7 @@ use crate::mesh::Vec3;
 use crate::model::sweep::Sums;
 use crate::model::tensor_mass::Lane;
 use crate::model::{Model, guyan};
-use crate::pose::Path;
+use crate::pose::{Path, Pose};
 use crate::scene::{Scheme, ToolKind};
 use crate::state::State;
 use crate::statics::StaticsError;
@@ -81,6 +82,9 @@ pub struct Workspace {
     pub(crate) cut: cut::Scratch,
     burn: burn::Scratch,
     paths: Vec<Path>,
+    /// Where tools were at the start of the substep.
+    pub(crate) from: Vec<Pose>,
+    pub(crate) slide: slide::Scratch,
     pub(crate) impulse: Vec<Vec3>,
     pub(crate) before: Before,
     pub(crate) loose: loose::Scratch,
@@ -121,6 +125,8 @@ impl Workspace {
             cut: cut::Scratch::new(model),
             burn: burn::Scratch::new(model),
             paths: Vec::with_capacity(tools),
+            from: Vec::with_capacity(tools),
+            slide: slide::Scratch::new(model),
             impulse: vec![Vec3::zeros(); tools],
             before: Before::with_room(model),
             loose: loose::Scratch::new(model),
@@ -273,6 +279,8 @@ pub fn advance(
                     work.before.remember(model, &state.coupling);
                 }
                 regrip(model, state, work, tool);
+                let way = way(model, state, &work.paths[tool], tool, k, period);
+                slide::find(model, state, tool, way, &mut work.slide);
                 let burns = model.scene.tools[tool].kind == ToolKind::Cautery;
                 if !(burns && state.tools[tool].active) {
                     burn::cool(state, tool);
@@ -296,7 +304,9 @@ pub fn advance(
                 &mut work.loose,
             );
         }
+        work.from.clear();
         for (tool, path) in state.tools.iter_mut().zip(&work.paths) {
+            work.from.push(tool.pose);
             tool.pose = path.at(k + 1);
         }
         set_targets(model, state, h);
@@ -325,7 +335,18 @@ pub fn advance(
     }
     measure_held(model, state, &mut work.loose);
     read_forces(model, state, &work.loose);
+    slide::read_forces(model, state, &work.loose, &mut work.slide);
     Ok(())
+}
+
+/// How far any point of tool `tool` moves until the next haptic tick, going on as in substep `k` \[m\].
+fn way(model: &Model, state: &State, path: &Path, tool: usize, k: u64, period: f64) -> f64 {
+    let (now, next) = (&state.tools[tool].pose, path.at(k + 1));
+    let shape = &model.tools[tool];
+    let ends = shape.at(now).zip(shape.at(&next));
+    let moved = |(a, b): (Capsule, Capsule)| (b.tip - a.tip).norm().max((b.end - a.end).norm());
+    let substeps = (period / state.clock.substep).ceil().max(1.0);
+    substeps * ends.map(moved).fold(0.0, f64::max)
 }
 
 /// A new substep length, from the present time on.
@@ -345,10 +366,13 @@ fn look(model: &Model, state: &mut State, k: usize) {
     if model.parts.touchable == 0 || !hold::feels(model, state, k) {
         return;
     }
-    let capsule = Capsule::of(&model.scene.tools[k].shape, &state.tools[k].pose, None);
+    let shape = model.tools[k].at(&state.tools[k].pose);
     // The vertices of a touched triangle are within its longest edge; the rest is for stretch.
-    let reach = capsule.radius + 1.25 * model.longest_edge;
-    let distance = |at: &Vec3| capsule.axis_distance(at);
+    let reach = 1.25 * model.longest_edge;
+    let distance = |at: &Vec3| {
+        let each = shape.clone().map(|c| c.axis_distance(at) - c.radius);
+        each.fold(f64::INFINITY, f64::min)
+    };
     let State {
         coupling,
         displacement,
@@ -473,7 +497,7 @@ pub(crate) fn watch(
 ) -> Result<(), StepError> {
     check_inversion(model, state, &sums.extent)?;
     let critical = || critical_at(model, state, &sums.extent);
-    if tick && model.law().is_some() && state.clock.substep > critical() {
+    if tick && model.is_nonlinear() && state.clock.substep > critical() {
         return Err(StepError::Unstable(state.clock.substep, critical()));
     }
     let elastic = 0.5 * sums.elastic;
@@ -531,7 +555,8 @@ fn check_inversion(model: &Model, state: &State, extent: &Extent) -> Result<(), 
 /// Before reactions are asked for: those of loose pieces follow from all of the piece.
 fn measure_held(model: &Model, state: &State, loose: &mut loose::Scratch) {
     let is_loose = |h: &Held| h.tool.is_some() && state.live.pieces.is_loose(h.node as usize);
-    if state.held.iter().any(is_loose) {
+    let slides = !state.contacts.is_empty() && !state.live.pieces.loose_nodes().is_empty();
+    if slides || state.held.iter().any(is_loose) {
         loose.measure(model, state);
     }
 }

@@ -39,6 +39,9 @@ fn a_step_allocates_nothing() {
     let averaged = r#"{"model": {"elasticity": "stableNeoHookean"},"#;
     let polynomial = r#"{"model": {"elasticity": "stVenantKirchhoff", "form": "polynomial"},"#;
     let pressed = r#"{"model": {"elasticity": "stVenantKirchhoff", "element": "nodalPressure"},"#;
+    let duplicate = r#"{"model": {"element": "nodalAveraged"}, "cutting": {"rule": "duplicate"},"#;
+    let pressed_duplicate = r#"{"model": {"elasticity": "stVenantKirchhoff", "element": "nodalPressure"},
+        "cutting": {"rule": "duplicate"},"#;
     let adaptive =
         r#"{"model": {"elasticity": "stVenantKirchhoff", "nonlinearThreshold": 0.0003},"#;
     let tearing = r#"{"tearing": {"criterion": "maximumElongation", "threshold": 0.052},"#;
@@ -58,6 +61,8 @@ fn a_step_allocates_nothing() {
         ("symplecticEuler", averaged),
         ("symplecticEuler", polynomial),
         ("symplecticEuler", pressed),
+        ("symplecticEuler", duplicate),
+        ("rungeKutta4", pressed_duplicate),
         ("symplecticEuler", adaptive),
         ("rungeKutta4", hookean),
         ("symplecticEuler", tearing),

@@ -263,14 +263,14 @@ fn a_sweep_leaves_no_island() {
                 }
                 s.step(1e-3).unwrap();
             }
-            let shape = &model.scene.tools[0].shape;
+            let shape = &model.tools[0];
             let samples = (20.0 * radii) as u32;
             let dense: Vec<Capsule> = (poses.windows(2))
                 .flat_map(|pair| {
                     (0..=samples)
                         .map(|n| pair[0].towards(&pair[1], f64::from(n) / f64::from(samples)))
                 })
-                .map(|pose| Capsule::of(shape, &pose, Some(ACTIVE)))
+                .flat_map(|pose| shape.active_at(&pose).collect::<Vec<_>>())
                 .collect();
             let touched = |t: usize, share: f64| {
                 let corners = model.rest_positions(t);

@@ -15,6 +15,7 @@
 //! touched: tissue that is drawn over a hook is cut, too.
 
 use super::geometry::{Capsule, boxes_meet};
+use super::shape::ToolShape;
 use crate::mesh::Vec3;
 use crate::model::Model;
 use crate::state::State;
@@ -38,8 +39,10 @@ pub struct Scratch {
 impl Scratch {
     pub fn new(model: &Model) -> Scratch {
         let count = model.mesh.tetrahedra.len();
+        let capsules = model.tools.iter().map(ToolShape::capsules).max();
+        let capsules = capsules.unwrap_or(0);
         Scratch {
-            path: Vec::with_capacity(MOST_SAMPLES as usize),
+            path: Vec::with_capacity(MOST_SAMPLES as usize * capsules),
             near: Vec::with_capacity(4 * count),
             touched: Vec::with_capacity(count),
             burnt: Vec::with_capacity(count),
@@ -54,32 +57,34 @@ impl Scratch {
 
 /// Finds what the active tip of cautery `k` burns at a haptic tick, `seconds` after the last.
 pub fn burn(model: &Model, state: &mut State, k: usize, seconds: f64, work: &mut Scratch) {
-    let tool = &model.scene.tools[k];
+    let shape = &model.tools[k];
     let pose = state.tools[k].pose;
     let last = state.tools[k].burned.replace(pose);
     let from = last.unwrap_or(pose);
-    let at = |share: f64| {
-        let pose = from.towards(&pose, share);
-        Capsule::of(&tool.shape, &pose, tool.active_length)
-    };
-    let (start, end) = (at(0.0), at(1.0));
-    let way = way(&start, &end, &Vec3::zeros());
-    let samples = (way / (SPACING * end.radius))
-        .ceil()
-        .clamp(1.0, MOST_SAMPLES);
+    let ways = || shape.active_at(&from).zip(shape.active_at(&pose));
+    let samples = ways()
+        .map(|(start, end)| way(&start, &end, &Vec3::zeros()) / (SPACING * end.radius))
+        .fold(1.0f64, |most, count| most.max(count.ceil()))
+        .min(MOST_SAMPLES);
     work.path.clear();
-    work.path
-        .extend((1..=samples as u32).map(|n| at(f64::from(n) / samples)));
+    for n in 1..=samples as u32 {
+        let pose = from.towards(&pose, f64::from(n) / samples);
+        work.path.extend(shape.active_at(&pose));
+    }
     find(model, state, work);
 
     let mut allowance = f64::INFINITY;
     if last.is_some() {
-        let length = (end.end - end.tip).norm();
-        let half = end.radius + model.mean_edge;
-        let area = 2.0 * half * (length + 2.0 * half);
         let motion = mean_motion(state, seconds, &work.touched);
-        let travel = self::way(&start, &end, &motion);
-        allowance = state.tools[k].allowance.min(area * half) + area * travel;
+        let (mut most, mut more) = (0.0, 0.0);
+        for (start, end) in ways() {
+            let length = (end.end - end.tip).norm();
+            let half = end.radius + model.mean_edge;
+            let area = 2.0 * half * (length + 2.0 * half);
+            most += area * half;
+            more += area * way(&start, &end, &motion);
+        }
+        allowance = state.tools[k].allowance.min(most) + more;
     }
     work.burnt.clear();
     for (_, t) in &work.touched {

@@ -1,16 +1,16 @@
 //! Distances between tool shapes and triangles, the only place that knows parry.
 
-use parry3d_f64::math::{Pose, Vector};
+use parry3d_f64::math::{Pose as Isometry, Vector};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::query::details::distance_support_map_support_map;
 use parry3d_f64::shape::{Segment, Triangle};
 
 use crate::mesh::Vec3;
-use crate::scene;
+use crate::pose::Pose;
 
 /// A swept sphere in the world: all points within `radius` of the segment from `tip` to `end`
 /// (equal for a sphere) \[m\].
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Capsule {
     pub tip: Vec3,
     pub end: Vec3,
@@ -18,19 +18,23 @@ pub struct Capsule {
 }
 
 impl Capsule {
-    /// Of a tool's shape at a pose, no longer than `length` from the tip. The axis runs from the tool's
-    /// position along its -z.
-    pub fn of(shape: &scene::Shape, pose: &crate::pose::Pose, length: Option<f64>) -> Capsule {
-        let (radius, full) = match shape {
-            scene::Shape::Sphere { radius } => (*radius, 0.0),
-            scene::Shape::Capsule { radius, length } => (*radius, *length),
-            scene::Shape::Compound(_) => (0.0, 0.0),
+    /// No longer than `length` from the tip.
+    pub fn within(&self, length: Option<f64>) -> Capsule {
+        let axis = self.end - self.tip;
+        let share = length.map_or(1.0, |l| l / axis.norm());
+        let end = match share < 1.0 {
+            true => self.tip + axis * share,
+            false => self.end,
         };
-        let reach = length.map_or(full, |l| l.min(full));
+        Capsule { end, ..*self }
+    }
+
+    /// Given in a frame, where that is.
+    pub fn placed(&self, frame: &Pose) -> Capsule {
         Capsule {
-            tip: pose.position,
-            end: pose.point(&Vec3::new(0.0, 0.0, -reach)),
-            radius,
+            tip: frame.point(&self.tip),
+            end: frame.point(&self.end),
+            ..*self
         }
     }
 
@@ -57,6 +61,11 @@ impl Capsule {
 
     /// From its axis to a point \[m\].
     pub fn axis_distance(&self, point: &Vec3) -> f64 {
+        (point - self.on_axis(point)).norm()
+    }
+
+    /// The point of its axis that is nearest to another.
+    pub fn on_axis(&self, point: &Vec3) -> Vec3 {
         let (axis, from) = (self.end - self.tip, point - self.tip);
         let length = axis.norm_squared();
         let share = if length > 0.0 {
@@ -64,7 +73,30 @@ impl Capsule {
         } else {
             0.0
         };
-        (from - axis * share).norm()
+        self.tip + axis * share
+    }
+
+    /// Of the point of an edge that is nearest to the axis, its share of the way from `a` to `b` and the point of the
+    /// axis; none where that is an end of the edge. (Ericson 2005, section 5.1.9.)
+    pub fn nearest_on_edge(&self, a: &Vec3, b: &Vec3) -> Option<(f64, Vec3)> {
+        let (edge, axis, apart) = (b - a, self.end - self.tip, a - self.tip);
+        let (e, f, c) = (edge.norm_squared(), axis.norm_squared(), edge.dot(&axis));
+        if e == 0.0 {
+            return None;
+        }
+        let (d, g) = (edge.dot(&apart), axis.dot(&apart));
+        // Where the lines are nearest, then within the axis.
+        let cross = e * f - c * c;
+        let on_edge = match cross > 1e-12 * e * f {
+            true => ((c * g - d * f) / cross).clamp(0.0, 1.0),
+            false => 0.5,
+        };
+        let on_axis = match f > 0.0 {
+            true => ((c * on_edge + g) / f).clamp(0.0, 1.0),
+            false => 0.0,
+        };
+        let share = (c * on_axis - d) / e;
+        (share > 0.0 && share < 1.0).then(|| (share, self.tip + axis * on_axis))
     }
 
     /// Whether it touches a triangle.
@@ -75,7 +107,7 @@ impl Capsule {
             triangle.distance_to_local_point(vector(self.tip), true)
         } else {
             let axis = Segment::new(vector(self.tip), vector(self.end));
-            distance_support_map_support_map(&Pose::IDENTITY, &axis, &triangle)
+            distance_support_map_support_map(&Isometry::IDENTITY, &axis, &triangle)
         };
         distance < self.radius
     }

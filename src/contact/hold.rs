@@ -5,6 +5,7 @@
 //! infinite friction.)
 
 use super::geometry::{Capsule, boxes_meet};
+use super::slide;
 use crate::loose;
 use crate::mesh::Vec3;
 use crate::model::Model;
@@ -71,15 +72,19 @@ pub fn reaction(model: &Model, state: &State, loose: &loose::Scratch, held: &Hel
     if let Some(inside) = i.checked_sub(model.parts.moving) {
         return -state.coupling.pressure_on(inside);
     }
-    let force = if state.live.pieces.is_loose(i) {
-        loose.residual(state, i)
-    } else {
-        let internal = state.live.internal_force(model, i, &state.displacement)
-            - state.coupling.force_on(model, i);
-        let damping = state.velocity[i].xyz() * (state.parameters.damping * state.live.mass[i]);
-        state.external[i].xyz() - internal - damping
-    };
+    let force = residual(model, state, loose, i);
     Vec3::from_fn(|axis, _| if held.axes[axis] { force[axis] } else { 0.0 })
+}
+
+/// f - dW/dx - drag on a moving node \[N\]. `loose` has been measured if it belongs to a loose piece.
+pub fn residual(model: &Model, state: &State, loose: &loose::Scratch, i: usize) -> Vec3 {
+    if state.live.pieces.is_loose(i) {
+        return loose.residual(state, i);
+    }
+    let internal = state.live.internal_force(model, i, &state.displacement)
+        - state.coupling.force_on(model, i);
+    let damping = state.velocity[i].xyz() * (state.parameters.damping * state.live.mass[i]);
+    state.external[i].xyz() - internal - damping
 }
 
 /// Whether [`update`] will ask what tool `k` touches.
@@ -104,16 +109,17 @@ pub fn update(
     state.tools[k].active = active;
     match tool.kind {
         ToolKind::Grasper if active && !was_active => {
-            touch(model, state, k, tool.active_length, touched);
+            touch(model, state, k, true, touched);
             attach(model, state, k, touched);
         }
         ToolKind::Grasper if !active && was_active => {
             release(model, state, |h| h.tool == Some(k as u32))
         }
         ToolKind::Grasper => {}
+        _ if slide::coefficient(model, k).is_some() => {}
         ToolKind::Cautery if active => release(model, state, |h| h.tool == Some(k as u32)),
         ToolKind::Probe | ToolKind::Cautery => {
-            touch(model, state, k, None, touched);
+            touch(model, state, k, false, touched);
             if let_go(model, state, k, loose, touched) {
                 return true;
             }
@@ -123,17 +129,10 @@ pub fn update(
     false
 }
 
-/// Exposed triangles that the tool touches within `length` of its tip.
-fn touch(
-    model: &Model,
-    state: &State,
-    k: usize,
-    length: Option<f64>,
-    touched: &mut Vec<(u32, [u32; 3])>,
-) {
+/// Exposed triangles that the tool touches, or its active part.
+fn touch(model: &Model, state: &State, k: usize, active: bool, touched: &mut Vec<(u32, [u32; 3])>) {
     touched.clear();
-    let capsule = Capsule::of(&model.scene.tools[k].shape, &state.tools[k].pose, length);
-    let (low, high) = capsule.bounds(0.0);
+    let (shape, pose) = (&model.tools[k], &state.tools[k].pose);
     let reach = (model.parts.moving + model.parts.touchable) as u32;
     for face in &state.live.surface {
         let vertices = state.live.triangle(model, *face);
@@ -141,10 +140,17 @@ fn touch(
             continue;
         }
         let corners = vertices.map(|v| state.position(v));
-        if boxes_meet(&corners, &low, &high)
-            && capsule.may_touch(&corners)
-            && capsule.touches(&corners)
-        {
+        let touches = |capsule: Capsule| {
+            let (low, high) = capsule.bounds(0.0);
+            boxes_meet(&corners, &low, &high)
+                && capsule.may_touch(&corners)
+                && capsule.touches(&corners)
+        };
+        let is_touched = match active {
+            true => shape.active_at(pose).any(touches),
+            false => shape.at(pose).any(touches),
+        };
+        if is_touched {
             touched.push((*face, vertices));
         }
     }
@@ -197,7 +203,7 @@ fn let_go(
 /// Holds every vertex of the touched triangles that nobody holds yet.
 fn attach(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])]) {
     let tool = k as u32;
-    let capsule = Capsule::of(&model.scene.tools[k].shape, &state.tools[k].pose, None);
+    let depth = REATTACH_DEPTH * model.tools[k].least_radius();
     for (_, vertices) in touched {
         let corners = vertices.map(|v| state.position(v));
         let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
@@ -219,7 +225,7 @@ fn attach(model: &Model, state: &mut State, k: usize, touched: &[(u32, [u32; 3])
                 .released
                 .iter()
                 .find(|r| r.tool == tool && r.node == *node);
-            if let_go.is_some_and(|r| came(r) < REATTACH_DEPTH * capsule.radius) {
+            if let_go.is_some_and(|r| came(r) < depth) {
                 continue;
             }
             state.held.push(Held {

@@ -3,3 +3,5 @@
 pub mod burn;
 pub mod geometry;
 pub mod hold;
+pub mod shape;
+pub mod slide;

@@ -265,6 +265,8 @@ impl Blend {
         // SAFETY: the caller's.
         unsafe {
             match self.law {
+                // It is the one below the threshold, too.
+                Law::Linear => Excess::default(),
                 Law::StVenantKirchhoff => self.by_rule::<V, StVenantKirchhoff>(groups, u, to),
                 Law::StableNeoHookean => self.by_rule::<V, StableNeoHookean>(groups, u, to),
             }
@@ -340,7 +342,7 @@ impl Blend {
                 let mut xy = mu.mul(g[0][1].add(g[1][0]));
                 if FIBRE {
                     let (a0, kappa) = (group.three(DIRECTION), V::load(&group.row[KAPPA]));
-                    point.add_fibre(a0, kappa, &mut stress, &mut energy);
+                    R::add_fibre(&point, a0, kappa, &mut stress, &mut energy);
                     let pull = two.mul(kappa).mul(dot(product(&g, a0), a0));
                     let drawn = [pull.mul(a0[0]), pull.mul(a0[1]), pull.mul(a0[2])];
                     xx = drawn[0].mul_add(a0[0], xx);

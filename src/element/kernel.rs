@@ -2,7 +2,7 @@
 
 use super::tetrahedra::Extent;
 use crate::lanes::{self, Four, Plain};
-use crate::law::linear::Hooke;
+use crate::law::linear::{Hooke, Linear};
 use crate::law::response::{Law, Response};
 use crate::law::st_venant_kirchhoff::StVenantKirchhoff;
 use crate::law::stable_neo_hookean::StableNeoHookean;
@@ -62,6 +62,8 @@ unsafe fn dispatch<V: Four, K: Kernel + ?Sized>(
     // SAFETY: the caller's.
     unsafe {
         match (own.law(), own.has_extra()) {
+            (Law::Linear, false) => own.kernel::<V, Linear, false>(u, to),
+            (Law::Linear, true) => own.kernel::<V, Linear, true>(u, to),
             (Law::StVenantKirchhoff, false) => own.kernel::<V, StVenantKirchhoff, false>(u, to),
             (Law::StVenantKirchhoff, true) => own.kernel::<V, StVenantKirchhoff, true>(u, to),
             (Law::StableNeoHookean, false) => own.kernel::<V, StableNeoHookean, false>(u, to),
@@ -73,6 +75,7 @@ unsafe fn dispatch<V: Four, K: Kernel + ?Sized>(
 /// Of [`Response::parameters`].
 pub(super) fn parameters(law: Law, material: &Hooke) -> [f64; 2] {
     match law {
+        Law::Linear => Linear::parameters(material),
         Law::StVenantKirchhoff => StVenantKirchhoff::parameters(material),
         Law::StableNeoHookean => StableNeoHookean::parameters(material),
     }

@@ -10,15 +10,18 @@ pub mod tetrahedra;
 
 use nalgebra::Matrix3;
 
+use crate::law::linear::Hooke;
 use crate::law::response::Law;
 use crate::model::tensor_mass::Lane;
+use crate::scene::{Element, Form, ModelSettings};
+use constant_strain::Shape;
 use kernel::Kernel;
 use nodal_averaged::NodalAveraged;
 use nodal_pressure::NodalPressure;
 use polynomial::Polynomial;
 use tetrahedra::{Extent, Tetrahedra};
 
-/// Tissue with a non-linear law.
+/// Tissue with a non-linear law, or of which vertices have more than their tetrahedra.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Elements {
     ConstantStrain(Tetrahedra),
@@ -30,6 +33,30 @@ pub enum Elements {
 }
 
 impl Elements {
+    /// Of those tetrahedra of a mesh that `of` gives shape, material and its number of.
+    pub fn new<'a>(
+        law: Law,
+        settings: &ModelSettings,
+        tetrahedra: &[[u32; 4]],
+        of: impl Fn(usize) -> Option<(&'a Shape, &'a Hooke, u32)>,
+    ) -> Elements {
+        let alone = |t: usize| of(t).map(|(shape, material, _)| (shape, material));
+        let each = || Tetrahedra::new(law, tetrahedra, alone);
+        match settings.element() {
+            Element::ConstantStrain if settings.form == Form::Polynomial => {
+                Elements::Polynomial(Box::new(Polynomial::new(tetrahedra, alone)), each())
+            }
+            Element::ConstantStrain => Elements::ConstantStrain(each()),
+            Element::NodalPressure => {
+                Elements::NodalPressure(Box::new(NodalPressure::new(law, tetrahedra, of)))
+            }
+            Element::NodalAveraged => {
+                let own = NodalAveraged::new(law, settings.hourglass, tetrahedra, &of);
+                Elements::NodalAveraged(Box::new(own), each())
+            }
+        }
+    }
+
     pub fn law(&self) -> Law {
         self.tetrahedra().law
     }
@@ -72,9 +99,30 @@ impl Elements {
         }
     }
 
-    /// Gives a tetrahedron other nodes, which none has where vertices have points.
+    /// Gives a tetrahedron other nodes. Points are to be summed again.
     pub(crate) fn rename(&mut self, t: usize, nodes: &[u32; 4]) {
-        self.tetrahedra_mut().rename(t, nodes);
+        match self {
+            Elements::NodalPressure(own) => own.rename(t, nodes),
+            _ => self.tetrahedra_mut().rename(t, nodes),
+        }
+    }
+
+    /// Readies a vertex that a cut makes of another.
+    pub(crate) fn open(&mut self, new: u32, from: u32) {
+        match self {
+            Elements::ConstantStrain(_) | Elements::Polynomial(..) => {}
+            Elements::NodalPressure(own) => own.open(new, from),
+            Elements::NodalAveraged(own, _) => own.open(new, from),
+        }
+    }
+
+    /// Room for so many vertices that cuts make, which have so many neighbours in all: none allocates.
+    pub(crate) fn reserve(&mut self, vertices: usize, neighbours: usize) {
+        match self {
+            Elements::ConstantStrain(_) | Elements::Polynomial(..) => {}
+            Elements::NodalPressure(own) => own.reserve(vertices),
+            Elements::NodalAveraged(own, _) => own.reserve(vertices, neighbours),
+        }
     }
 
     /// How many numbers [`Elements::add_forces`] needs room for.

@@ -50,28 +50,57 @@ struct Entries([[f64; 4]; 4]);
 /// have, as four side by side take as long as the longest row.
 const NEAR: usize = 64;
 
-/// Points, near ones side by side.
-#[derive(Clone, Debug, PartialEq)]
+/// Where the entries of a group are: `start..end`, as many as its longest row has; there is room for more.
+#[derive(Clone, Copy, Debug)]
+struct Block {
+    start: u32,
+    end: u32,
+    room: u32,
+}
+
+/// Points, near ones side by side; those of vertices that cuts have made behind them.
+#[derive(Clone, Debug)]
 pub struct NodalAveraged {
     pub law: Law,
+    /// c \[1\]
+    hourglass: f64,
     has_fibre: bool,
     /// k of [`crate::law::volume_penalty`] \[Pa\]; the materials' own do not count.
     pub penalty: f64,
     group: Vec<Group>,
     /// A place of a group each: the vertex.
     node: Vec<[u32; 4]>,
-    /// Entries of a group are `start[g]..start[g + 1]`, with D_jj in the first. Past the end of a row come zeros, for the vertex
-    /// itself.
-    start: Vec<u32>,
+    block: Vec<Block>,
+    /// D_jj comes first. Past the end of a row come zeros, for the vertex itself, as far as its block has room.
     column: Vec<[u32; 4]>,
     entry: Vec<Entries>,
-    /// How many entries each point has.
-    count: Vec<u32>,
-    /// Places of the points in the order of their vertices.
-    place: Vec<u32>,
-    /// A point each: its material, and what the scene counts that as.
+    /// A point each: its material, what the scene counts that as, and how many entries it has.
     material: Vec<Hooke>,
     number: Vec<u32>,
+    count: Vec<u32>,
+    /// Places of the points, those of a vertex together.
+    place: Vec<u32>,
+    /// A vertex each: the first of its points in `place`, and past the last.
+    range: Vec<[u32; 2]>,
+    /// Scratch, left empty.
+    around: Vec<u32>,
+}
+
+/// Where entries are is of no account.
+impl PartialEq for NodalAveraged {
+    fn eq(&self, other: &NodalAveraged) -> bool {
+        let alike = |p: usize| {
+            let (own, others) = (self.row(p), other.row(p));
+            let own = own.map(|at| (self.neighbour(at), self.numbers(at)));
+            own.eq(others.map(|at| (other.neighbour(at), other.numbers(at))))
+        };
+        (self.law, self.hourglass, self.has_fibre, self.penalty)
+            == (other.law, other.hourglass, other.has_fibre, other.penalty)
+            && (&self.group, &self.node, &self.material, &self.number)
+                == (&other.group, &other.node, &other.material, &other.number)
+            && (&self.count, &self.place, &self.range) == (&other.count, &other.place, &other.range)
+            && (0..self.count.len()).all(alike)
+    }
 }
 
 /// What a tetrahedron adds to its corner j for its corner k: D_jk and c mu L_jk.
@@ -108,19 +137,23 @@ impl NodalAveraged {
         // Stable: sums in the order of the tetrahedra.
         pairs.sort_by_key(|(node, number, other, _)| (*node, *number, other != node, *other));
         volumes.sort_by_key(|(node, number, ..)| (*node, *number));
+        let nodes = tetrahedra.iter().flatten().max().map_or(0, |v| v + 1);
         let mut made = NodalAveraged {
             law,
+            hourglass: c,
             has_fibre: volumes.iter().any(|(.., m)| m.fibre.is_some()),
             penalty: 0.0,
             group: Vec::new(),
             node: Vec::new(),
-            start: vec![0],
+            block: Vec::new(),
             column: Vec::new(),
             entry: Vec::new(),
-            count: Vec::new(),
-            place: Vec::new(),
             material: Vec::new(),
             number: Vec::new(),
+            count: Vec::new(),
+            place: Vec::new(),
+            range: vec![[0; 2]; nodes as usize],
+            around: Vec::new(),
         };
         let rows: Vec<_> = (pairs.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)))
             .map(|point| {
@@ -137,33 +170,39 @@ impl NodalAveraged {
             near.sort_by_key(|at| rows[*at].len());
         }
         made.place.resize(points.len(), 0);
-        for (p, at) in order.iter().enumerate() {
-            made.place[*at] = p as u32;
-            let (node, number, _, material) = &points[*at][0];
-            let volume: f64 = points[*at].iter().map(|p| p.2).sum();
-            made.add_point(*node, volume, material, c);
-            made.number.push(*number);
-            made.count.push(rows[*at].len() as u32);
+        for (at, point) in (0..).zip(&points) {
+            let range = &mut made.range[point[0].0 as usize];
+            range[0] = if range[1] == 0 { at } else { range[0] };
+            range[1] = at + 1;
         }
-        for (four, node) in order.chunks(4).zip(&made.node) {
-            for k in 0..four.iter().map(|at| rows[*at].len()).max().unwrap_or(0) {
-                let (mut column, mut entry) = (*node, Entries::default());
-                for (lane, at) in four.iter().enumerate() {
-                    if let Some((other, numbers)) = rows[*at].get(k) {
-                        column[lane] = *other;
-                        (0..4).for_each(|row| entry.0[row][lane] = numbers[row]);
-                    }
+        for four in order.chunks(4) {
+            let longest = four.iter().map(|at| rows[*at].len()).max().unwrap_or(1);
+            for at in four {
+                let (node, number, _, material) = &points[*at][0];
+                let volume: f64 = points[*at].iter().map(|p| p.2).sum();
+                let p = made.add_point(*node, volume, material, *number, longest as u32);
+                made.place[*at] = p as u32;
+                made.count[p] = rows[*at].len() as u32;
+                for (at, (other, numbers)) in made.row(p).zip(&rows[*at]) {
+                    made.column[at / 4][at % 4] = *other;
+                    made.add(at, numbers);
                 }
-                made.column.push(column);
-                made.entry.push(entry);
             }
-            made.start.push(made.column.len() as u32);
         }
         made
     }
 
-    fn add_point(&mut self, node: u32, volume: f64, material: &Hooke, c: f64) {
-        let lane = self.material.len() % 4;
+    /// Its place; without entries. A new group gets room for so many.
+    fn add_point(
+        &mut self,
+        node: u32,
+        volume: f64,
+        material: &Hooke,
+        number: u32,
+        room: u32,
+    ) -> usize {
+        let p = self.material.len();
+        let (g, lane) = (p / 4, p % 4);
         if lane == 0 {
             self.group.push(Group {
                 parameters: Default::default(),
@@ -174,37 +213,98 @@ impl NodalAveraged {
                 kappa: Default::default(),
             });
             self.node.push([node; 4]);
+            let block = self.new_block(room, [node; 4]);
+            self.block.push(block);
         }
-        // Places past the end have nodes that there are.
-        if let Some(nodes) = self.node.last_mut() {
-            nodes[lane..].fill(node);
+        // Places that are no point yet have nodes that there are.
+        self.node[g][lane..].fill(node);
+        let Block { start, room, .. } = self.block[g];
+        for column in &mut self.column[start as usize..][..room as usize] {
+            column[lane..].fill(node);
         }
         self.material.push(*material);
-        let Some(group) = self.group.last_mut() else {
-            return;
-        };
+        self.number.push(number);
+        self.count.push(0);
+        let group = &mut self.group[g];
         let [first, second] = parameters(self.law, material);
         group.parameters[0][lane] = first;
         group.parameters[1][lane] = second;
         group.volume[lane] = volume;
-        group.inverse[lane] = 1.0 / volume;
-        group.hourglass[lane] = c * material.mu;
+        group.inverse[lane] = if volume > 0.0 { 1.0 / volume } else { 0.0 };
+        group.hourglass[lane] = self.hourglass * material.mu;
         if let Some(fibre) = &material.fibre {
             for axis in 0..3 {
                 group.direction[axis][lane] = fibre.direction[axis];
             }
             group.kappa[lane] = fibre.kappa;
         }
+        p
+    }
+
+    /// Behind all others, full of zeros for these nodes.
+    fn new_block(&mut self, room: u32, nodes: [u32; 4]) -> Block {
+        let start = self.column.len() as u32;
+        let end = start + room;
+        self.column.resize(end as usize, nodes);
+        self.entry.resize(end as usize, Entries::default());
+        Block { start, end, room }
+    }
+
+    /// Gives a vertex that a cut makes points as another has, with nothing in them yet.
+    pub(crate) fn open(&mut self, new: u32, from: u32) {
+        let first = self.place.len() as u32;
+        for at in self.points_of(from) {
+            let p = self.place[at] as usize;
+            let (material, number) = (self.material[p], self.number[p]);
+            let p = self.add_point(new, 0.0, &material, number, 1);
+            self.place.push(p as u32);
+        }
+        self.range[new as usize] = [first, self.place.len() as u32];
+    }
+
+    /// Room for so many vertices that cuts make, which have so many neighbours in all when they are made, themselves
+    /// among them: none allocates.
+    ///
+    /// An edge that a cut makes is among these neighbours, and gives an entry to the points of either end, `each` at
+    /// most. At worst each such entry makes a group of its own longer by one: the longest that groups ever are sum to no
+    /// more than the room that blocks have now and 2 `each` `neighbours`. A group of length w that outgrows its block
+    /// gets one of 2 w; that block was shorter than w, the one before it than w/2, and so on, which is less than 4 w.
+    /// So there never is more than four times that sum, of which what there is now need not be added.
+    pub(crate) fn reserve(&mut self, vertices: usize, neighbours: usize) {
+        let most = self.range.iter().map(|[from, to]| to - from).max();
+        let each = most.unwrap_or(0) as usize;
+        let points = each * vertices;
+        self.group.reserve(points / 4 + 1);
+        self.node.reserve(points / 4 + 1);
+        self.block.reserve(points / 4 + 1);
+        self.material.reserve(points);
+        self.number.reserve(points);
+        self.count.reserve(points);
+        self.place.reserve(points);
+        if vertices > 0 {
+            let entries = 3 * self.column.len() + 8 * each * neighbours;
+            self.column.reserve(entries);
+            self.entry.reserve(entries);
+        }
+        // Four corners a tetrahedron, of which a star has fewer than twice its vertices, as a sphere has triangles.
+        let longest = self.count.iter().max().copied().unwrap_or(0) as usize;
+        self.around.reserve(16 * longest);
     }
 
     /// Places of a point's entries: four times that of [`Entries`], and the lane.
     fn row(&self, p: usize) -> impl Iterator<Item = usize> + Clone + use<> {
-        let (first, count) = (self.start[p / 4] as usize, self.count[p] as usize);
+        let (first, count) = (self.block[p / 4].start as usize, self.count[p] as usize);
         (first..first + count).map(move |at| 4 * at + p % 4)
     }
 
     fn numbers(&self, at: usize) -> [f64; 4] {
         self.entry[at / 4].0.map(|row| row[at % 4])
+    }
+
+    fn add(&mut self, at: usize, numbers: &[f64; 4]) {
+        for (row, add) in self.entry[at / 4].0.iter_mut().zip(numbers) {
+            row[at % 4] += add;
+        }
     }
 
     fn neighbour(&self, at: usize) -> u32 {
@@ -245,9 +345,8 @@ impl NodalAveraged {
 
     /// Where the places of a vertex's points are in `place`.
     fn points_of(&self, node: u32) -> std::ops::Range<usize> {
-        let from = (self.place).partition_point(|p| self.vertex(*p as usize) < node);
-        let to = (self.place).partition_point(|p| self.vertex(*p as usize) <= node);
-        from..to
+        let [from, to] = self.range[node as usize];
+        from as usize..to as usize
     }
 
     /// dW/du_i \[N\], alone: for the few vertices whose reaction is wanted.
@@ -310,33 +409,25 @@ impl NodalAveraged {
         (energy, power)
     }
 
-    /// Sums the points of a vertex again over what is left of its star, in the order of a fresh start: `star` gives nodes, shape and
-    /// number of the material.
+    /// Sums the points of a vertex again over what is left of its star, in the order of a fresh start, which it equals:
+    /// `star` gives nodes, shape and number of the material.
     pub(crate) fn sum_again<'a>(
         &mut self,
         node: u32,
-        c: f64,
         star: impl Iterator<Item = (&'a [u32; 4], &'a Shape, u32)> + Clone,
     ) {
         for at in self.points_of(node) {
             let p = self.place[at] as usize;
-            let row = self.row(p);
-            for at in row.clone() {
-                let Entries(rows) = &mut self.entry[at / 4];
-                rows.iter_mut().for_each(|row| row[at % 4] = 0.0);
-            }
             let (material, number) = (self.material[p], self.number[p]);
+            let star = star.clone().filter(|(.., own)| *own == number);
+            self.renew_row(p, star.clone().flat_map(|(nodes, ..)| *nodes));
             let mut volume = 0.0;
-            for (nodes, shape, _) in star.clone().filter(|(.., own)| *own == number) {
+            for (nodes, shape, _) in star {
                 volume += shape.volume / 4.0;
                 let own = nodes.iter().position(|v| *v == node).unwrap_or(0);
                 for (k, other) in nodes.iter().enumerate() {
-                    let Some(at) = row.clone().find(|at| self.neighbour(*at) == *other) else {
-                        continue;
-                    };
-                    let add = entry(shape, &material, c, own, k);
-                    for (row, add) in self.entry[at / 4].0.iter_mut().zip(add) {
-                        row[at % 4] += add;
+                    if let Some(at) = self.row(p).find(|at| self.neighbour(*at) == *other) {
+                        self.add(at, &entry(shape, &material, self.hourglass, own, k));
                     }
                 }
             }
@@ -346,11 +437,54 @@ impl NodalAveraged {
         }
     }
 
+    /// Gives a point these neighbours, itself among them, and entries of zero.
+    fn renew_row(&mut self, p: usize, neighbours: impl Iterator<Item = u32>) {
+        let (own, g, lane) = (self.vertex(p), p / 4, p % 4);
+        self.around.extend(neighbours);
+        self.around.sort_unstable_by_key(|v| (*v != own, *v));
+        self.around.dedup();
+        self.count[p] = self.around.len() as u32;
+        // The kernel looks at one entry at least.
+        let all = self.count.chunks(4).nth(g).into_iter().flatten();
+        let longest = all.fold(1, |most, count| most.max(*count));
+        if longest > self.block[g].room {
+            self.move_block(g, 2 * longest);
+        }
+        let block = &mut self.block[g];
+        block.end = block.start + longest;
+        let (start, room) = (block.start as usize, block.room as usize);
+        for k in 0..room {
+            let neighbour = self.around.get(k).copied();
+            self.column[start + k][lane] = neighbour.unwrap_or(own);
+            let Entries(rows) = &mut self.entry[start + k];
+            rows.iter_mut().for_each(|row| row[lane] = 0.0);
+        }
+        self.around.clear();
+    }
+
+    /// Gives a group room for so many entries, behind all others.
+    fn move_block(&mut self, g: usize, room: u32) {
+        let old = self.block[g];
+        let new = self.new_block(room, self.node[g]);
+        let from = old.start as usize..old.end as usize;
+        self.column.copy_within(from.clone(), new.start as usize);
+        self.entry.copy_within(from, new.start as usize);
+        self.block[g] = new;
+    }
+
     /// Keeps the room that there is.
     pub(crate) fn copy_from(&mut self, other: &NodalAveraged) {
-        self.group.clone_from(&other.group);
         self.penalty = other.penalty;
+        self.group.clone_from(&other.group);
+        self.node.clone_from(&other.node);
+        self.block.clone_from(&other.block);
+        self.column.clone_from(&other.column);
         self.entry.clone_from(&other.entry);
+        self.material.clone_from(&other.material);
+        self.number.clone_from(&other.number);
+        self.count.clone_from(&other.count);
+        self.place.clone_from(&other.place);
+        self.range.clone_from(&other.range);
     }
 
     /// V_j G_j and the hourglass force of four points.
@@ -362,8 +496,8 @@ impl NodalAveraged {
             let own = V::gather(u, *self.node.get_unchecked(k));
             let (mut g, mut pull) = ([[zero; 3]; 3], [zero; 3]);
             // The first is the vertex itself.
-            let first = *self.start.get_unchecked(k) as usize + 1;
-            for at in first..*self.start.get_unchecked(k + 1) as usize {
+            let block = self.block.get_unchecked(k);
+            for at in block.start as usize + 1..block.end as usize {
                 let w = lanes::sub3(V::gather(u, *self.column.get_unchecked(at)), own);
                 // One number after the other, each with all of w: then there are registers for all the sums.
                 let Entries(entries) = self.entry.get_unchecked(at);
@@ -435,7 +569,7 @@ impl NodalAveraged {
             + size_of_val(&self.entry[..])
             + size_of_val(&self.column[..])
             + size_of_val(&self.node[..])
-            + size_of_val(&self.start[..])
+            + size_of_val(&self.block[..])
             + size_of_val(&self.count[..])
             + size_of_val(&self.place[..])
     }
@@ -487,10 +621,12 @@ impl Kernel for NodalAveraged {
                 let (mut stress, mut energy) = R::respond(&point, parameters);
                 if EXTRA {
                     let a0 = lanes::load3(&group.direction);
-                    point.add_fibre(a0, V::load(&group.kappa), &mut stress, &mut energy);
+                    R::add_fibre(&point, a0, V::load(&group.kappa), &mut stress, &mut energy);
                     volume_penalty::add(&point, penalty, &mut stress, &mut energy);
                 }
-                reach.include(&point);
+                if !R::IS_LINEAR {
+                    reach.include(&point);
+                }
                 let c = V::load(&group.hourglass);
                 let square = lanes::dot(g[0], g[0])
                     .add(lanes::dot(g[1], g[1]))
@@ -508,8 +644,8 @@ impl Kernel for NodalAveraged {
                 if k + 1 < self.group.len() {
                     ahead = self.sums(k + 1, u);
                 }
-                let first = *self.start.get_unchecked(k) as usize;
-                let end = *self.start.get_unchecked(k + 1) as usize;
+                let block = self.block.get_unchecked(k);
+                let (first, end) = (block.start as usize, block.end as usize);
                 let force = self.force(&q, first);
                 let force = [
                     force[0].add(pull[0]),
@@ -523,6 +659,118 @@ impl Kernel for NodalAveraged {
             }
             let [a, b, c, d] = sum.store();
             ((a + b) + (c + d), reach.extent())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::element::Elements;
+    use crate::live::LiveMesh;
+    use crate::{prepared, scene};
+
+    fn averaged(live: &LiveMesh) -> &NodalAveraged {
+        match &live.elements {
+            Some(Elements::NodalAveraged(own, _)) => own,
+            _ => unreachable!(),
+        }
+    }
+
+    /// Summed after each cut or once after all, in the same places or not: the same to the bit. Nothing has allocated.
+    #[test]
+    fn rows_that_outgrow_their_places_are_as_good_as_fresh_ones() {
+        let text = r#"{"name": "block", "mesh": {"box": {"size": [0.05, 0.04, 0.03], "cells": [5, 4, 3]}},
+            "materials": [{"where": {"all": true}, "youngModulus": 6000, "poissonRatio": 0.45, "density": 1000},
+              {"where": {"box": {"min": [0, 0, 0], "max": [0.025, 0.025, 1]}},
+               "youngModulus": 20000, "poissonRatio": 0.3, "density": 1000}],
+            "fixed": [{"box": {"min": [0, 0, 0], "max": [0, 1, 1]}}],
+            "model": {"elasticity": "stVenantKirchhoff", "element": "nodalAveraged"},
+            "cutting": {"rule": "duplicate"}}"#;
+        let scene = scene::parse(text, "scene.json").unwrap();
+        let model = prepared::prepare(scene, Path::new("scene.json")).unwrap();
+        let whole = || LiveMesh::after(&model, &[], &[]);
+        let room = |live: &LiveMesh| {
+            let own = averaged(live);
+            let points = [
+                own.number.capacity(),
+                own.count.capacity(),
+                own.place.capacity(),
+            ];
+            let groups = [
+                own.group.capacity(),
+                own.node.capacity(),
+                own.block.capacity(),
+            ];
+            let entries = [
+                own.column.capacity(),
+                own.entry.capacity(),
+                own.around.capacity(),
+            ];
+            (points, groups, entries, own.material.capacity())
+        };
+        let mut live = whole();
+        let before = room(&live);
+        let blocks = averaged(&live).block.len();
+        let mut round = 0;
+        // Until there is no spare left.
+        'all: loop {
+            for t in 0..model.shape.len() as u32 {
+                let node = live.tetrahedra[t as usize][round % 4];
+                let star: Vec<u32> = live.star(&model, node).collect();
+                if t % 5 == 0 && live.alive[t as usize] {
+                    live.remove(&model, t);
+                } else if star.len() > 1 {
+                    let half = &star[..star.len() / 2];
+                    if live.split(&model, node, half).is_none() {
+                        break 'all;
+                    }
+                }
+                live.settle(&model);
+            }
+            round += 1;
+        }
+        live.settle(&model);
+        let at_once = LiveMesh::after(&model, &live.removed, &live.splits);
+        let (own, other) = (averaged(&live), averaged(&at_once));
+        assert!(own == other && before == room(&live) && before == room(&at_once));
+        let moved = |own: &NodalAveraged| {
+            let first = averaged(&whole()).column.len() as u32;
+            own.block[..blocks]
+                .iter()
+                .filter(|b| b.start >= first)
+                .count()
+        };
+        println!(
+            "{} of {blocks} groups moved, {} new, {} of {} entries used",
+            moved(own),
+            own.block.len() - blocks,
+            own.column.len(),
+            own.column.capacity()
+        );
+        assert!(moved(own) > 10 && moved(other) > 10 && own.block.len() > blocks + 5);
+        assert!(own.column.len() != other.column.len());
+        let u: Vec<Lane> = (0..live.rest.len())
+            .map(|i| [1.1, 1.7, 2.3].map(|n| 1e-3 * (n * i as f64).sin()))
+            .map(|[x, y, z]| Lane([x, y, z, 0.0]))
+            .collect();
+        let forces = |own: &NodalAveraged| {
+            let mut to = vec![Lane::default(); u.len()];
+            let (energy, _) = own.add_forces(&u, &mut to);
+            (energy, to)
+        };
+        assert!(forces(own) == forces(other));
+        let fresh = NodalAveraged::new(own.law, own.hourglass, &live.tetrahedra, |t| {
+            let law = &model.material(t).law;
+            live.alive[t].then(|| (&model.shape[t], law, model.material_number(t)))
+        });
+        let ((energy, own), (fresh_energy, fresh)) = (forces(own), forces(&fresh));
+        assert!((energy / fresh_energy - 1.0).abs() < 1e-13);
+        let most = own.iter().map(|f| f.xyz().norm()).fold(0.0, f64::max);
+        for (a, b) in own.iter().zip(&fresh) {
+            assert!((a.xyz() - b.xyz()).norm() < 1e-13 * most);
         }
     }
 }

@@ -35,7 +35,7 @@ struct Corners {
     point: [[u32; 4]; 4],
 }
 
-/// Points in the order of their vertices.
+/// Points in the order of their vertices; those of vertices that cuts have made behind them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NodalPressure {
     /// At lambda = 0.
@@ -46,9 +46,16 @@ pub struct NodalPressure {
     node: Vec<u32>,
     material: Vec<Hooke>,
     stiffness: Vec<f64>,
-    /// Its tetrahedra, dead ones among them, by their places in the groups: `place[start[p]..start[p + 1]]`.
-    start: Vec<u32>,
+    /// What the scene counts the material as.
+    number: Vec<u32>,
+    /// Its tetrahedra before any cut, by their places in the groups: `place[star[p][0]..star[p][1]]`. Of a vertex that a
+    /// cut has made, those of the one that it was part of.
+    star: Vec<[u32; 2]>,
     place: Vec<u32>,
+    /// A vertex each: the first of its points, and past the last.
+    range: Vec<[u32; 2]>,
+    /// How many points there can be.
+    most: usize,
 }
 
 impl NodalPressure {
@@ -70,6 +77,7 @@ impl NodalPressure {
             }
         }
         pairs.sort_unstable();
+        let nodes = tetrahedra.iter().flatten().max().map_or(0, |v| v + 1);
         let none = Corners {
             quarter: [0.0; 4],
             point: [[0; 4]; 4],
@@ -80,38 +88,94 @@ impl NodalPressure {
             node: Vec::new(),
             material: Vec::new(),
             stiffness: Vec::new(),
-            start: vec![0],
+            number: Vec::new(),
+            star: Vec::new(),
             place: Vec::new(),
+            range: vec![[0; 2]; nodes as usize],
+            most: 0,
         };
         for star in pairs.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
-            let p = made.node.len();
-            made.node.push(star[0].0);
+            let Some((_, material, number)) = of(star[0].2) else {
+                continue;
+            };
+            let first = made.place.len() as u32;
+            let last = first + star.len() as u32;
+            let p = made.add_point(star[0].0, *material, number, [first, last]);
             for (_, _, t, corner) in star {
-                let (Some((shape, material, _)), Some((group, lane))) =
-                    (of(*t), made.each.find(*t))
-                else {
+                let (Some((shape, ..)), Some((group, lane))) = (of(*t), made.each.find(*t)) else {
                     continue;
                 };
                 made.corners[group].quarter[lane] = shape.volume / 4.0;
                 made.corners[group].point[*corner][lane] = p as u32;
                 made.place.push((4 * group + lane) as u32);
-                made.material.truncate(p);
-                made.material.push(*material);
             }
-            made.start.push(made.place.len() as u32);
-            made.stiffness.push(0.0);
             made.sum(p);
         }
+        made.most = made.node.len();
         made
+    }
+
+    fn add_point(&mut self, node: u32, material: Hooke, number: u32, star: [u32; 2]) -> usize {
+        let p = self.node.len();
+        self.node.push(node);
+        self.material.push(material);
+        self.number.push(number);
+        self.stiffness.push(0.0);
+        self.star.push(star);
+        let range = &mut self.range[node as usize];
+        if range[1] == 0 {
+            range[0] = p as u32;
+        }
+        range[1] = p as u32 + 1;
+        p
+    }
+
+    /// Gives a vertex that a cut makes points as another has, with nothing in them yet.
+    pub(crate) fn open(&mut self, new: u32, from: u32) {
+        for p in self.points_of(from) {
+            self.add_point(new, self.material[p], self.number[p], self.star[p]);
+        }
+    }
+
+    /// Gives a tetrahedron other nodes, which have points already. All of them are to be summed again.
+    pub(crate) fn rename(&mut self, t: usize, nodes: &[u32; 4]) {
+        let Some((group, lane)) = self.each.find(t) else {
+            return;
+        };
+        self.each.rename(t, nodes);
+        for (corner, node) in nodes.iter().enumerate() {
+            let number = self.number[self.corners[group].point[corner][lane] as usize];
+            let mut points = self.points_of(*node);
+            if let Some(p) = points.find(|p| self.number[*p] == number) {
+                self.corners[group].point[corner][lane] = p as u32;
+            }
+        }
+    }
+
+    /// Room for the points of so many vertices that cuts make.
+    pub(crate) fn reserve(&mut self, vertices: usize) {
+        let more = vertices * self.most_points();
+        self.most = self.most.max(self.node.len() + more);
+        self.node.reserve(more);
+        self.material.reserve(more);
+        self.number.reserve(more);
+        self.stiffness.reserve(more);
+        self.star.reserve(more);
+    }
+
+    /// Of a vertex.
+    fn most_points(&self) -> usize {
+        let counts = self.range.iter().map(|[from, to]| to - from);
+        counts.max().unwrap_or(0) as usize
     }
 
     pub fn law(&self) -> Law {
         self.each.law
     }
 
-    /// How many there are.
+    /// How many there can be.
     pub fn points(&self) -> usize {
-        self.node.len()
+        self.most
     }
 
     /// Takes a dead tetrahedron out; its points are to be summed again.
@@ -130,8 +194,7 @@ impl NodalPressure {
     }
 
     fn sum(&mut self, p: usize) {
-        let star = self.star(p).iter();
-        let volume: f64 = star.map(|place| self.quarter(*place)).sum();
+        let volume: f64 = self.star(p).map(|place| self.quarter(place)).sum();
         self.stiffness[p] = match volume > 0.0 {
             true => self.material[p].lambda / volume,
             false => 0.0,
@@ -146,13 +209,18 @@ impl NodalPressure {
     }
 
     fn points_of(&self, node: u32) -> std::ops::Range<usize> {
-        let from = self.node.partition_point(|v| *v < node);
-        let to = self.node.partition_point(|v| *v <= node);
-        from..to
+        let [from, to] = self.range[node as usize];
+        from as usize..to as usize
     }
 
-    fn star(&self, p: usize) -> &[u32] {
-        &self.place[self.start[p] as usize..self.start[p + 1] as usize]
+    /// Its tetrahedra, dead ones among them.
+    fn star(&self, p: usize) -> impl Iterator<Item = u32> + Clone + '_ {
+        let [from, to] = self.star[p].map(|at| at as usize);
+        let own = move |place: &u32| {
+            let point = &self.corners[*place as usize / 4].point;
+            point.iter().any(|of| of[*place as usize % 4] == p as u32)
+        };
+        self.place[from..to].iter().copied().filter(own)
     }
 
     fn quarter(&self, place: u32) -> f64 {
@@ -184,9 +252,8 @@ impl NodalPressure {
 
     /// lambda/V_p s_p \[Pa\], alone.
     fn pressure(&self, p: usize, u: &[Lane]) -> f64 {
-        let of =
-            |place: &u32| self.quarter(*place) * self.law().swelling(&self.gradient(*place, u));
-        self.stiffness[p] * self.star(p).iter().map(of).sum::<f64>()
+        let of = |place: u32| self.quarter(place) * self.law().swelling(&self.gradient(place, u));
+        self.stiffness[p] * self.star(p).map(of).sum::<f64>()
     }
 
     /// dW/du \[N\] at displacements u \[m\], a moving node each, is added to what there is. Returns W \[J\] and how far
@@ -206,7 +273,7 @@ impl NodalPressure {
     }
 
     fn evaluation<'a>(&'a self, points: &'a mut [f64]) -> Evaluation<'a> {
-        assert!(points.len() == self.points());
+        let points = &mut points[..self.node.len()];
         Evaluation {
             own: self,
             points: Cell::from_mut(points).as_slice_of_cells(),
@@ -218,18 +285,18 @@ impl NodalPressure {
         let mut sum = Vec3::zeros();
         for own in self.points_of(i as u32) {
             let (star, material) = (self.star(own), self.soft(own));
-            for (at, place) in star.iter().enumerate() {
-                let corners = self.corners(*place);
+            for (at, place) in star.clone().enumerate() {
+                let corners = self.corners(place);
                 let local = corners.map(|(node, _)| u[node].xyz());
-                let (forces, _) = force(self.law(), &material, &self.shape(*place), &local);
+                let (forces, _) = force(self.law(), &material, &self.shape(place), &local);
                 for ((node, p), force) in corners.iter().zip(forces) {
                     if *node == i {
                         sum += force;
                     }
                     // A point of several of them counts once.
                     let has = |place: &u32| self.corners(*place).iter().any(|(_, q)| q == p);
-                    if !star[..at].iter().any(has) {
-                        let around = star[at..].iter().filter(|place| has(place));
+                    if !star.clone().take(at).any(|place| has(&place)) {
+                        let around = star.clone().skip(at).filter(has);
                         sum += self.pull(i, around, u) * self.pressure(*p, u);
                     }
                 }
@@ -239,14 +306,14 @@ impl NodalPressure {
     }
 
     /// Change of these tetrahedra's share in s_p with u_i \[m²\].
-    fn pull<'a>(&self, i: usize, star: impl Iterator<Item = &'a u32>, u: &[Lane]) -> Vec3 {
+    fn pull(&self, i: usize, star: impl Iterator<Item = u32>, u: &[Lane]) -> Vec3 {
         let mut sum = Vec3::zeros();
         for place in star {
-            let rate = self.law().swelling_rate(&self.gradient(*place, u));
-            let shape = self.shape(*place);
-            for ((node, _), a) in self.corners(*place).iter().zip(shape.gradient) {
+            let rate = self.law().swelling_rate(&self.gradient(place, u));
+            let shape = self.shape(place);
+            for ((node, _), a) in self.corners(place).iter().zip(shape.gradient) {
                 if *node == i {
-                    sum += rate * a * self.quarter(*place);
+                    sum += rate * a * self.quarter(place);
                 }
             }
         }
@@ -259,8 +326,8 @@ impl NodalPressure {
         for p in self.points_of(node) {
             let (mut swelling, mut rate) = (0.0, 0.0);
             for place in self.star(p) {
-                let (f, quarter) = (self.gradient(*place, u), self.quarter(*place));
-                let change = self.gradient(*place, v) - Matrix3::identity();
+                let (f, quarter) = (self.gradient(place, u), self.quarter(place));
+                let change = self.gradient(place, v) - Matrix3::identity();
                 swelling += quarter * self.law().swelling(&f);
                 rate += quarter * self.law().swelling_rate(&f).component_mul(&change).sum();
             }
@@ -274,27 +341,32 @@ impl NodalPressure {
     pub(crate) fn copy_from(&mut self, other: &NodalPressure) {
         self.each.copy_from(&other.each);
         self.corners.clone_from(&other.corners);
+        self.node.clone_from(&other.node);
+        self.material.clone_from(&other.material);
         self.stiffness.clone_from(&other.stiffness);
+        self.number.clone_from(&other.number);
+        self.star.clone_from(&other.star);
+        self.range.clone_from(&other.range);
     }
 
     /// Second derivatives of W \[N/m\]: parts (i, j, block) of the upper half, of a tetrahedron each, and
     /// lambda/V_p g g^T of a point each, g = ds_p/du.
     pub fn tangent(&self, u: &[Lane]) -> Vec<(usize, usize, Matrix3<f64>)> {
         let mut entries = Vec::new();
-        let pressure: Vec<f64> = (0..self.points()).map(|p| self.pressure(p, u)).collect();
+        let pressure: Vec<f64> = (0..self.node.len()).map(|p| self.pressure(p, u)).collect();
         for place in 0..4 * self.corners.len() as u32 {
             if self.quarter(place) > 0.0 {
                 self.add_tangent(place, u, &pressure, &mut entries);
             }
         }
         let mut slope: Vec<(usize, Vec3)> = Vec::new();
-        for p in (0..self.points()).filter(|p| self.stiffness[*p] != 0.0) {
+        for p in (0..self.node.len()).filter(|p| self.stiffness[*p] != 0.0) {
             slope.clear();
             for place in self.star(p) {
-                let rate = self.law().swelling_rate(&self.gradient(*place, u));
-                let shape = self.shape(*place);
-                for ((node, _), a) in self.corners(*place).iter().zip(shape.gradient) {
-                    let part = rate * a * self.quarter(*place);
+                let rate = self.law().swelling_rate(&self.gradient(place, u));
+                let shape = self.shape(place);
+                for ((node, _), a) in self.corners(place).iter().zip(shape.gradient) {
+                    let part = rate * a * self.quarter(place);
                     match slope.iter_mut().find(|(v, _)| v == node) {
                         Some((_, sum)) => *sum += part,
                         None => slope.push((*node, part)),
@@ -343,7 +415,7 @@ impl NodalPressure {
             + size_of_val(&self.node[..])
             + size_of_val(&self.material[..])
             + size_of_val(&self.stiffness[..])
-            + size_of_val(&self.start[..])
+            + size_of_val(&self.star[..])
             + size_of_val(&self.place[..])
     }
 }
@@ -402,10 +474,12 @@ impl Kernel for Evaluation<'_> {
                 let parameters = [V::load(&group.parameters[0]), V::load(&group.parameters[1])];
                 let (mut stress, mut own) = R::respond(&point, parameters);
                 if EXTRA {
-                    each.add_extra(k, &point, &mut stress, &mut own);
+                    each.add_extra::<V, R>(k, &point, &mut stress, &mut own);
                 }
                 energy = energy.add(own);
-                reach.include(&point);
+                if !R::IS_LINEAR {
+                    reach.include(&point);
+                }
                 let mut pressure = [0.0; 4];
                 for points in &corners.point {
                     for lane in 0..4 {

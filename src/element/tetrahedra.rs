@@ -229,7 +229,7 @@ impl Tetrahedra {
 
     /// Fibres and volume penalty of a group.
     #[inline(always)]
-    pub(super) unsafe fn add_extra<V: Four>(
+    pub(super) unsafe fn add_extra<V: Four, R: Response>(
         &self,
         k: usize,
         point: &Point<V>,
@@ -240,7 +240,7 @@ impl Tetrahedra {
         unsafe {
             let extra = self.extra.get_unchecked(k);
             let a0 = load3(&extra.direction);
-            point.add_fibre(a0, V::load(&extra.kappa), stress, energy);
+            R::add_fibre(point, a0, V::load(&extra.kappa), stress, energy);
             let penalty = V::splat(self.penalty).mul(V::load(&extra.volume));
             volume_penalty::add(point, penalty, stress, energy);
         }
@@ -290,10 +290,12 @@ impl Kernel for Tetrahedra {
                 let parameters = [V::load(&group.parameters[0]), V::load(&group.parameters[1])];
                 let (mut stress, mut energy) = R::respond(&point, parameters);
                 if EXTRA {
-                    self.add_extra(k, &point, &mut stress, &mut energy);
+                    self.add_extra::<V, R>(k, &point, &mut stress, &mut energy);
                 }
                 sum = sum.add(energy);
-                reach.include(&point);
+                if !R::IS_LINEAR {
+                    reach.include(&point);
+                }
                 late = corner_forces(&stress, &a);
             }
             add_forces(

@@ -1,6 +1,7 @@
 //! Symplectic Euler and central difference: velocities at half steps, one fused sweep a substep.
 
 use super::{add_inside, sweep};
+use crate::contact::slide::{self, Substep};
 use crate::loose;
 use crate::mesh::Vec3;
 use crate::model::Model;
@@ -26,7 +27,22 @@ pub(super) fn substep(
     work.interface
         .advance(model, state, &mut work.residual, &by, &mut sums);
     let before = state.account;
-    let ([mut sums, loose], trailing, given) = carry_held(model, state, work, [sums, loose], &by);
+    let mut sums = [sums, loose];
+    let substep = Substep {
+        from: &work.from,
+        residual: &work.residual,
+        by: &by,
+    };
+    let pushed = slide::push(
+        model,
+        state,
+        &mut work.slide,
+        &substep,
+        &mut work.impulse,
+        &mut sums,
+    );
+    let ([mut sums, loose], trailing, given) = carry_held(model, state, work, sums, &by);
+    let trailing = trailing + pushed;
     let (mut behind, mut ahead) = damped(&sums, lag, &by, central);
     behind += 0.5 * lag * braked;
     ahead += work.loose.taken(state, 0.5 * h);

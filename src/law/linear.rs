@@ -6,6 +6,8 @@
 
 use nalgebra::{Cholesky, Const, Matrix3, Matrix6, Vector6};
 
+use super::response::{Point, Response};
+use crate::lanes::{Four, Square, dot};
 use crate::mesh::Vec3;
 
 /// A linear material \[Pa\].
@@ -140,6 +142,75 @@ impl Hooke {
     /// Whether every strain costs energy.
     pub fn is_stable(&self) -> bool {
         self.mandel().cholesky().is_some()
+    }
+}
+
+/// eps, the symmetric part of F - I.
+pub fn strain(f: &Matrix3<f64>) -> Matrix3<f64> {
+    (f + f.transpose()) * 0.5 - Matrix3::identity()
+}
+
+/// W \[J/m³\].
+pub fn energy(law: &Hooke, f: &Matrix3<f64>) -> f64 {
+    let strain = strain(f);
+    0.5 * law.stress(&strain).component_mul(&strain).sum()
+}
+
+/// [`Hooke::stress`] of four points, but for the fibre.
+pub(crate) struct Linear;
+
+impl Response for Linear {
+    const IS_LINEAR: bool = true;
+
+    fn parameters(law: &Hooke) -> [f64; 2] {
+        [law.lambda, law.mu]
+    }
+
+    #[inline(always)]
+    unsafe fn respond<V: Four>(point: &Point<V>, [lambda, mu]: [V; 2]) -> (Square<V>, V) {
+        // SAFETY: the caller's.
+        unsafe {
+            let g = &point.g;
+            let trace = g[0][0].add(g[1][1]).add(g[2][2]);
+            let (pressure, twice) = (lambda.mul(trace), mu.add(mu));
+            let xx = twice.mul_add(g[0][0], pressure);
+            let yy = twice.mul_add(g[1][1], pressure);
+            let zz = twice.mul_add(g[2][2], pressure);
+            let (yz, zx) = (g[1][2].add(g[2][1]), g[2][0].add(g[0][2]));
+            let xy = g[0][1].add(g[1][0]);
+            let (s_yz, s_zx, s_xy) = (mu.mul(yz), mu.mul(zx), mu.mul(xy));
+            let own = dot([xx, yy, zz], [g[0][0], g[1][1], g[2][2]]);
+            let shear = dot([s_yz, s_zx, s_xy], [yz, zx, xy]);
+            (
+                [[xx, s_xy, s_zx], [s_xy, yy, s_yz], [s_zx, s_yz, zz]],
+                V::splat(0.5).mul(own.add(shear)),
+            )
+        }
+    }
+
+    /// kappa (a0 . eps a0)².
+    #[inline(always)]
+    unsafe fn add_fibre<V: Four>(
+        point: &Point<V>,
+        a0: [V; 3],
+        kappa: V,
+        stress: &mut Square<V>,
+        energy: &mut V,
+    ) {
+        // SAFETY: the caller's.
+        unsafe {
+            let g = &point.g;
+            let stretch = dot(a0, [dot(g[0], a0), dot(g[1], a0), dot(g[2], a0)]);
+            let pull = kappa.mul(stretch);
+            *energy = pull.mul_add(stretch, *energy);
+            let twice = pull.add(pull);
+            for k in 0..3 {
+                let pull = twice.mul(a0[k]);
+                stress[k][0] = pull.mul_add(a0[0], stress[k][0]);
+                stress[k][1] = pull.mul_add(a0[1], stress[k][1]);
+                stress[k][2] = pull.mul_add(a0[2], stress[k][2]);
+            }
+        }
     }
 }
 

@@ -4,12 +4,14 @@ use nalgebra::Matrix3;
 
 use super::linear::Hooke;
 use super::swelling::Swelling;
-use super::{st_venant_kirchhoff, stable_neo_hookean, volume_penalty};
+use super::{linear, st_venant_kirchhoff, stable_neo_hookean, volume_penalty};
 use crate::lanes::{Four, Square, cross, dot, product};
 
-/// Laws that are right under rotation. The linear one is not among them.
+/// What answers a deformation gradient. All but the linear one are right under rotation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Law {
+    /// Hooke's, of the symmetric part of F - I; knows no volume penalty.
+    Linear,
     StVenantKirchhoff,
     StableNeoHookean,
 }
@@ -18,6 +20,7 @@ impl Law {
     /// W \[J/m³\] of a deformation gradient.
     pub fn energy(self, material: &Hooke, f: &Matrix3<f64>) -> f64 {
         let own = match self {
+            Law::Linear => return linear::energy(material, f),
             Law::StVenantKirchhoff => st_venant_kirchhoff::energy(material, f),
             Law::StableNeoHookean => stable_neo_hookean::energy(material, f),
         };
@@ -27,6 +30,7 @@ impl Law {
     /// P = dW/dF \[Pa\].
     pub fn stress(self, material: &Hooke, f: &Matrix3<f64>) -> Matrix3<f64> {
         let own = match self {
+            Law::Linear => return material.stress(&linear::strain(f)),
             Law::StVenantKirchhoff => st_venant_kirchhoff::stress(material, f),
             Law::StableNeoHookean => stable_neo_hookean::stress(material, f),
         };
@@ -36,6 +40,7 @@ impl Law {
     /// dP = d²W/dF² : dF \[Pa\].
     pub fn tangent(self, material: &Hooke, f: &Matrix3<f64>, df: &Matrix3<f64>) -> Matrix3<f64> {
         let own = match self {
+            Law::Linear => return material.stress(&((df + df.transpose()) * 0.5)),
             Law::StVenantKirchhoff => st_venant_kirchhoff::tangent(material, f, df),
             Law::StableNeoHookean => stable_neo_hookean::tangent(material, f, df),
         };
@@ -45,6 +50,8 @@ impl Law {
 
 /// Deformation of four points.
 pub(crate) struct Point<V> {
+    /// F - I.
+    pub g: Square<V>,
     pub f: Square<V>,
     /// 2 E: xx, yy, zz, yz, zx, xy.
     pub twice_strain: [V; 6],
@@ -83,6 +90,7 @@ impl<V: Four> Point<V> {
                 [g[2][0], g[2][1], g[2][2].add(one)],
             ];
             Point {
+                g,
                 f,
                 twice_strain,
                 trace: twice_strain[0].add(twice_strain[1]).add(twice_strain[2]),
@@ -122,6 +130,9 @@ impl<V: Four> Point<V> {
 
 /// A law in four lanes.
 pub(crate) trait Response: Swelling {
+    /// Whether forces are proportional to displacements, so that how far tissue is deformed changes nothing.
+    const IS_LINEAR: bool = false;
+
     /// Two numbers \[Pa\], of which stress and energy are linear functions.
     fn parameters(material: &Hooke) -> [f64; 2];
 
@@ -130,6 +141,22 @@ pub(crate) trait Response: Swelling {
     /// # Safety
     /// As [`Four`].
     unsafe fn respond<V: Four>(point: &Point<V>, parameters: [V; 2]) -> (Square<V>, V);
+
+    /// Adds what a fibre a0 of stiffness kappa does to both.
+    ///
+    /// # Safety
+    /// As [`Four`].
+    #[inline(always)]
+    unsafe fn add_fibre<V: Four>(
+        point: &Point<V>,
+        a0: [V; 3],
+        kappa: V,
+        stress: &mut Square<V>,
+        energy: &mut V,
+    ) {
+        // SAFETY: the caller's.
+        unsafe { point.add_fibre(a0, kappa, stress, energy) }
+    }
 }
 
 #[cfg(test)]
@@ -165,7 +192,7 @@ mod tests {
 
     #[test]
     fn stress_and_tangent_are_derivatives() {
-        for law in LAWS {
+        for law in LAWS.into_iter().chain([Law::Linear]) {
             for material in materials() {
                 for f in gradients() {
                     let stress = law.stress(&material, &f);

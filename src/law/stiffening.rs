@@ -29,6 +29,7 @@ impl Law {
         let change = (extent.most - 1.0).max(1.0 - extent.least);
         let penalty = material.penalty * (area * area + change * stretch);
         let ratio = match self {
+            Law::Linear => 1.0,
             Law::StVenantKirchhoff => {
                 let stress = 0.5 * lambda * extent.trace.max(0.0) + (mu + kappa) * strain;
                 let own = lambda + 2.0 * mu;

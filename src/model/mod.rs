@@ -18,6 +18,8 @@ pub mod store;
 pub mod sweep;
 pub mod tensor_mass;
 
+use crate::contact::shape::ToolShape;
+use crate::element::Elements;
 use crate::element::constant_strain::Shape;
 use crate::element::tetrahedra::{self, Extent};
 use crate::law::linear::Hooke;
@@ -139,6 +141,8 @@ pub struct Model {
     pub is_pinched: bool,
     /// By time.
     pub cuts: Vec<ScriptedCut>,
+    /// One each.
+    pub tools: Vec<ToolShape>,
     /// Nodes shown as `surface.vertex`, ascending by scene number.
     pub surface_nodes: Vec<u32>,
     /// Longest rest edge \[m\].
@@ -255,6 +259,7 @@ impl Model {
             rigid_modes: 0,
             is_pinched: false,
             cuts,
+            tools: scene.tools.iter().map(ToolShape::new).collect(),
             surface_nodes: Vec::new(),
             longest_edge,
             mean_edge,
@@ -536,9 +541,30 @@ impl Model {
         }
     }
 
-    /// Of the dynamic tetrahedra, where it is not the linear one.
+    /// Of the dynamic tetrahedra, where elements have it; none where tensors or springs do.
     pub fn law(&self) -> Option<Law> {
         law(&self.scene)
+    }
+
+    /// Whether the dynamic tetrahedra have a law for large deformation.
+    pub fn is_nonlinear(&self) -> bool {
+        is_nonlinear(&self.scene)
+    }
+
+    /// The dynamic tetrahedra as elements, or the others.
+    pub(crate) fn elements(&self, law: Law, dynamic: bool) -> Elements {
+        let of = |t: usize| {
+            let t = Some(t).filter(|t| self.parts.dynamic[*t] == dynamic)?;
+            let number = self.material_number(t);
+            Some((&self.shape[t], &self.material(t).law, number))
+        };
+        Elements::new(law, &self.scene.model, &self.mesh.tetrahedra, of)
+    }
+
+    /// The pre-computed tetrahedra, where vertices have points.
+    pub(crate) fn elements_inside(&self) -> Option<Elements> {
+        let has_points = self.element() != Element::ConstantStrain;
+        (self.parts.has_precomputed() && has_points).then(|| self.elements(Law::Linear, false))
     }
 
     /// Bound of the largest eigenvalue of M^-1 K of tissue so deformed, relative to that at rest.
@@ -577,7 +603,7 @@ impl Model {
     /// Whether there may be a volume penalty.
     pub fn takes_penalty(&self) -> bool {
         let is_sum = self.scene.model.form == Form::PerTetrahedron;
-        self.law().is_some() && !self.is_adaptive() && is_sum
+        self.is_nonlinear() && !self.is_adaptive() && is_sum
     }
 
     /// How vertices make its deformation gradients.
@@ -597,7 +623,7 @@ impl Model {
 
     /// Whether a tetrahedron's energy is a quadratic form: then schemes' accounts close to round-off.
     pub fn is_quadratic(&self) -> bool {
-        self.scene.model.kind != ModelKind::SpringMass && self.law().is_none()
+        self.scene.model.kind != ModelKind::SpringMass && !self.is_nonlinear()
     }
 
     /// Of tetrahedron `t`.
@@ -720,15 +746,21 @@ fn chosen(
 }
 
 fn law(scene: &Scene) -> Option<Law> {
+    let has_points = scene.model.element() != Element::ConstantStrain;
     match (scene.model.kind, scene.model.elasticity) {
-        (ModelKind::SpringMass, _) | (_, Elasticity::Linear) => None,
+        (ModelKind::SpringMass, _) => None,
+        (_, Elasticity::Linear) => has_points.then_some(Law::Linear),
         (_, Elasticity::StVenantKirchhoff) => Some(Law::StVenantKirchhoff),
         (_, Elasticity::StableNeoHookean) => Some(Law::StableNeoHookean),
     }
 }
 
+fn is_nonlinear(scene: &Scene) -> bool {
+    law(scene).is_some_and(|law| law != Law::Linear)
+}
+
 fn is_adaptive(scene: &Scene) -> bool {
-    law(scene).is_some() && scene.model.nonlinear_threshold > 0.0
+    is_nonlinear(scene) && scene.model.nonlinear_threshold > 0.0
 }
 
 fn is_averaged(scene: &Scene) -> bool {
@@ -799,7 +831,7 @@ fn neighbours(mesh: &TetMesh) -> Vec<Vec<u32>> {
 }
 
 /// Grows with every change of node order or of what is stored.
-const KEY_VERSION: u32 = 1;
+const KEY_VERSION: u32 = 2;
 
 /// FNV-1a over what the pre-computed part follows from.
 pub fn precomputed_key(scene: &Scene, mesh: &TetMesh) -> u64 {

@@ -343,6 +343,25 @@ enum Column {
     Touch(usize),
 }
 
+/// K of the pre-computed part, on all nodes.
+fn stiffness(model: &Model) -> (Pattern, Tensors) {
+    let nodes = model.mesh.nodes.len();
+    if let Some(elements) = model.elements_inside() {
+        let parts = elements.tangent(&vec![Lane::default(); nodes]);
+        return Tensors::assemble(nodes, &parts.unwrap_or_default());
+    }
+    let inside = |t: &usize| !model.parts.dynamic[*t];
+    let all = &model.mesh.tetrahedra;
+    let tetrahedra: Vec<[u32; 4]> = (0..all.len()).filter(inside).map(|t| all[t]).collect();
+    let pattern = Pattern::new(nodes, &tetrahedra);
+    let mut tensors = Tensors::zeros(&pattern);
+    for t in (0..all.len()).filter(inside) {
+        let (shape, law) = (&model.shape[t], &model.material(t).law);
+        tensors.accumulate(&pattern, &all[t], shape, law);
+    }
+    (pattern, tensors)
+}
+
 /// Factors the pre-computed part and solves for everything that is kept, on `threads` threads.
 /// Returns the numbers in the order of [`Sizes::lengths`].
 pub fn compute(
@@ -352,28 +371,15 @@ pub fn compute(
 ) -> Result<Vec<f64>, StaticsError> {
     let (moving, from) = (model.parts.moving, model.parts.connected_from());
     let nodes = model.mesh.nodes.len();
-    let mut tetrahedra = Vec::new();
     let mut inside_mass = vec![0.0; nodes];
     for (t, tetrahedron) in model.mesh.tetrahedra.iter().enumerate() {
         if !model.parts.dynamic[t] {
-            tetrahedra.push(*tetrahedron);
             for node in tetrahedron {
                 inside_mass[*node as usize] += model.quarter[t];
             }
         }
     }
-    let pattern = Pattern::new(nodes, &tetrahedra);
-    let mut tensors = Tensors::zeros(&pattern);
-    for (t, tetrahedron) in model.mesh.tetrahedra.iter().enumerate() {
-        if !model.parts.dynamic[t] {
-            tensors.accumulate(
-                &pattern,
-                tetrahedron,
-                &model.shape[t],
-                &model.material(t).law,
-            );
-        }
-    }
+    let (pattern, tensors) = stiffness(model);
     let solves = |v: usize| v >= moving && model.whole.star_count[v] > 0;
     let numbering = Numbering::new((0..nodes).map(|v| {
         if solves(v) {

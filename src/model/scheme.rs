@@ -2,6 +2,7 @@
 
 use super::sweep::Advance;
 use super::{Model, critical_step};
+use crate::contact::slide;
 use crate::scene::{CutMass, EULER_UNDAMPED, Mass, SceneError, Scheme};
 
 /// Share of the guaranteed critical step that a chosen substep may use.
@@ -69,6 +70,8 @@ impl Model {
             // Who gives a substep asks for what takes it.
             None if integration.substep.is_some()
                 || self.has_guyan_mass()
+                || self.law().is_some()
+                || self.tools_slide()
                 || !self.is_quadratic() =>
             {
                 Ok(Scheme::SymplecticEuler)
@@ -87,6 +90,11 @@ impl Model {
                 })
             }
         }
+    }
+
+    /// Whether any tool has a friction coefficient.
+    fn tools_slide(&self) -> bool {
+        (0..self.tools.len()).any(|k| slide::coefficient(self, k).is_some())
     }
 
     /// Whether velocities live half a substep behind.

@@ -151,6 +151,11 @@ impl Pattern {
         self.lower.clone_from(&other.lower);
     }
 
+    /// Entries that rows to be opened can have in all.
+    pub(crate) fn spare_places(&self) -> usize {
+        self.row_start[self.first] as usize
+    }
+
     /// Room for all rows that can be opened.
     pub(crate) fn reserve(&mut self) {
         self.opened.reserve(self.row_start[self.first] as usize);

@@ -9,12 +9,8 @@ use super::types::*;
 /// `PATH: WHAT is not available in this version; INSTEAD` for the first such thing.
 pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     let model = &scene.model;
-    let nonlinear = model.elasticity != Elasticity::Linear;
-    let element = model.element();
     let adaptive = model.nonlinear_threshold > 0.0;
     let penalised = model.incompressibility != Incompressibility::Pressure(0.0);
-    // A vertex has what its tetrahedra share.
-    let shares = element != Element::ConstantStrain;
     let polynomial = model.form == Form::Polynomial;
     let splits = scene.cutting.rule == CutRule::Duplicate;
     let format = match &scene.mesh {
@@ -24,27 +20,23 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     let text = |path: &str| path.to_string();
     // The equilibrium of springs is no linear system.
     let springs = model.kind == ModelKind::SpringMass;
+    let inside = matches!(model.kind, ModelKind::QuasiStatic | ModelKind::Hybrid);
     let settled = springs && scene.start == Start::Equilibrium;
     #[rustfmt::skip]
     let mut table = vec![
         (settled, text("start"), format!("{} with {}", word(&scene.start), word(&model.kind)), "use rest"),
         (adaptive && polynomial, text("model.form"), format!("{} with a non-linear threshold", word(&model.form)), "use perTetrahedron"),
         ((adaptive || polynomial) && penalised, text("model.incompressibility"), format!("a volume penalty with {}", if polynomial {"polynomial"} else {"a non-linear threshold"}), "use 0"),
-        (shares && !nonlinear, text("model.element"), format!("{} with linear elasticity", word(&element)), "use constantStrain"),
-        (shares && splits, text("cutting.rule"), format!("duplicate with {}", word(&element)), "use remove"),
         (polynomial && splits, text("cutting.rule"), format!("duplicate with {}", word(&model.form)), "use remove"),
         (!format.eq_ignore_ascii_case("msh"), text("mesh.file"), format!("the mesh format .{format}"), "use .msh"),
     ];
     for (i, tool) in scene.tools.iter().enumerate() {
         let path = |key: &str| format!("tools[{i}].{key}");
-        let (compound, slips) = (
-            matches!(tool.shape, Shape::Compound(_)),
-            tool.slip_force.is_some(),
-        );
+        let slips = tool.slip_force.is_some();
+        let slides = tool.friction != Friction::Stick;
         #[rustfmt::skip]
         table.extend([
-            (compound, path("shape.compound"), text("a compound shape"), "use sphere or capsule"),
-            (tool.friction != Friction::Stick, path("friction"), text("a Coulomb coefficient"), "use \"stick\""),
+            (slides && inside, path("friction"), text("a Coulomb coefficient with pre-computed tissue"), "use \"stick\""),
             (slips, path("slipForce"), text("a slip force"), "use null"),
         ]);
     }
@@ -110,6 +102,18 @@ fn unsuited(scene: &Scene) -> Result<(), SceneError> {
             format!("implicitEuler needs a linear model; {law} must have another scheme"),
         ));
     }
+    let element = scene.model.element();
+    if scheme == Some(Scheme::ImplicitEuler) && element != Element::ConstantStrain {
+        // Its factor is renewed tetrahedron by tetrahedron.
+        return Err(SceneError::at(
+            "",
+            "integration.scheme",
+            format!(
+                "implicitEuler needs constantStrain; {} must have another scheme",
+                word(&element)
+            ),
+        ));
+    }
     let penalised = scene.model.incompressibility != Incompressibility::Pressure(0.0);
     if penalised && !nonlinear {
         return Err(SceneError::at(
@@ -119,11 +123,22 @@ fn unsuited(scene: &Scene) -> Result<(), SceneError> {
         ));
     }
     adapted(&scene.model, scene.start)?;
+    for (k, tool) in scene.tools.iter().enumerate() {
+        rubs(tool, scheme)
+            .map_err(|what| SceneError::at("", format!("tools[{k}].friction"), what))?;
+    }
     if springs && nonlinear {
         return Err(SceneError::at(
             "",
             "model.elasticity",
             "springMass has a law of its own; must be linear",
+        ));
+    }
+    if springs && element != Element::ConstantStrain {
+        return Err(SceneError::at(
+            "",
+            "model.element",
+            "springMass has edges alone; must be constantStrain",
         ));
     }
     if scene.model.kind == ModelKind::QuasiStatic && nonlinear {
@@ -154,6 +169,22 @@ fn unsuited(scene: &Scene) -> Result<(), SceneError> {
         return Err(SceneError::at("", "integration.damping", EULER_UNDAMPED));
     }
     Ok(())
+}
+
+/// Where there is no friction coefficient.
+fn rubs(tool: &Tool, scheme: Option<Scheme>) -> Result<(), String> {
+    let staggered = [Scheme::SymplecticEuler, Scheme::CentralDifference];
+    match (tool.friction, tool.kind, scheme) {
+        (Friction::Stick, ..) => Ok(()),
+        (_, ToolKind::Grasper, _) => {
+            Err("belongs to what pushes; a grasper holds, and must have \"stick\"".to_string())
+        }
+        (.., Some(scheme)) if !staggered.contains(&scheme) => Err(format!(
+            "a coefficient needs integration.scheme symplecticEuler or centralDifference; must be \"stick\" with {}",
+            word(&scheme)
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// What a non-linear threshold does not go with.

@@ -60,6 +60,7 @@ fn main() {
     };
     let averaged_venant = averaged(Law::StVenantKirchhoff);
     let averaged_hookean = averaged(Law::StableNeoHookean);
+    let averaged_linear = averaged(Law::Linear);
     // Pressed in at one vertex; a tenth of the tetrahedra beyond the threshold.
     let at = model.mesh.nodes[model.surface_nodes[0] as usize];
     let poked: Vec<Lane> = (model.mesh.nodes[..n].iter())
@@ -105,7 +106,7 @@ fn main() {
     let mut out = vec![Lane::default(); n];
     let mut linear = vec![Vec3::zeros(); n];
     let (mut a, b) = (vec![[1.0f64; 4]; 512], [1.000_000_1f64; 4]);
-    let mut times = vec![Vec::new(); 15];
+    let mut times = vec![Vec::new(); 16];
     for _ in 0..ROUNDS {
         let mut run = |k: usize, f: &mut dyn FnMut()| {
             let start = Instant::now();
@@ -180,6 +181,9 @@ fn main() {
         run(14, &mut || {
             black_box(pressed_hookean.add_forces(&u, &mut out, &mut points));
         });
+        run(15, &mut || {
+            black_box(averaged_linear.add_forces(&u, &mut out));
+        });
     }
     println!("blend looks at,{},,", listed.places());
     let names = [
@@ -198,6 +202,7 @@ fn main() {
         "StVK nodal-pressure",
         "StVK nodal-pressure plain",
         "stable neo-Hookean nodal-pressure",
+        "linear nodal-averaged",
     ];
     for (name, times) in names.iter().zip(&mut times) {
         times.sort_by(f64::total_cmp);

@@ -13,6 +13,7 @@ from scipy.sparse.linalg import eigsh, splu
 from skfem import Basis, BilinearForm, ElementTetP0, ElementTetP1, ElementVector, MeshTet
 from skfem.helpers import ddot, eye, sym_grad, trace
 
+import averaged
 from meshes import volumes
 
 
@@ -25,23 +26,29 @@ def elasticity(u, v, w):
 
 @dataclass
 class Tissue:
-    """Nodes, tetrahedra, and a value of E, nu and rho for each tetrahedron (or one for all)."""
+    """Nodes, tetrahedra, and a value of E, nu and rho for each tetrahedron (or one for all).
+
+    Elements that take means take them within a `part`.
+    """
 
     nodes: np.ndarray
     tetrahedra: np.ndarray
     young: object = 6000.0
     poisson: object = 0.45
     density: object = 1060.0
+    element: str = "constantStrain"
+    part: object = 0
 
     def __post_init__(self):
         count = len(self.tetrahedra)
-        for name in ("young", "poisson", "density"):
+        for name in ("young", "poisson", "density", "part"):
             setattr(self, name, np.broadcast_to(np.asarray(getattr(self, name), float), count))
 
     def without(self, removed):
         """What is left when these tetrahedra are gone; node numbers stay."""
         keep = np.setdiff1d(np.arange(len(self.tetrahedra)), removed)
-        return Tissue(self.nodes, self.tetrahedra[keep], self.young[keep], self.poisson[keep], self.density[keep])
+        each = (self.young, self.poisson, self.density)
+        return Tissue(self.nodes, self.tetrahedra[keep], *(of[keep] for of in each), self.element, self.part[keep])
 
     @property
     def used(self):
@@ -50,6 +57,8 @@ class Tissue:
 
     def stiffness(self):
         """K [N/m], 3n x 3n; rows of unused nodes are empty."""
+        if self.element != "constantStrain":
+            return averaged.stiffness(self).tocsr()
         used = self.used
         local = np.searchsorted(used, self.tetrahedra)
         mesh = MeshTet(self.nodes[used].T.copy(), local.T.copy(), sort_t=False)

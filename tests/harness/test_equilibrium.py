@@ -8,7 +8,7 @@ import numpy as np
 import oracle
 import pytest
 from fmu import Instance, settle
-from scenes import SIZE, Problem, plate, scene
+from scenes import SIZE, Problem, plate, scene, slit
 
 RATE = 1e-6
 
@@ -61,6 +61,11 @@ def slow_rate():
     return problem.set(integration={"hapticRate": 100, "damping": 40})
 
 
+def cut_open():
+    problem = plate("cut_open", gravity=[0.0, 0.0, -0.5])
+    return problem.cut(slit(problem), time=0.1)
+
+
 PROBLEMS = [hanging, layered, bridge, rollers, block, even_mass, slow_rate]
 
 
@@ -91,6 +96,26 @@ def test_steps_reach_equilibrium(problem, build):
     with Instance(build(problem.scene)) as instance:
         close(settle(instance, problem.nodes), u)
         assert instance.get("diagnostics.minimumVolumeRatio") > 0
+
+
+@pytest.mark.parametrize("element", ["nodalPressure", "nodalAveraged"])
+@pytest.mark.parametrize("problem", [layered, rollers, cut_open], ids=lambda f: f.__name__)
+def test_elements_that_share_points(problem, element, reference, build):
+    """`reference` and settled tissue are where the energy of its elements, assembled from its definition, says."""
+    problem = problem()
+    problem.set(model={"element": element})
+    problem.tissue.element = element
+    removed = [t for cut in problem.scene.get("cuts", []) for t in cut["where"]["tetrahedra"]]
+    tissue = problem.tissue.without(removed)
+    force = tissue.weight(problem.gravity) + problem.loads
+    u, reaction = oracle.statics(tissue, force, problem.held, problem.value)
+    found = reference(problem.scene, "--after-cuts")
+    held = np.flatnonzero(problem.held.any(axis=1))
+    close(found["displacement"], u, 1e-8)
+    close([found["reaction"][str(k)] for k in held], reaction[held], 1e-8)
+    with Instance(build(problem.scene)) as instance:
+        close(settle(instance, problem.nodes), u)
+        assert instance.energies()[0] == pytest.approx(0.5 * u.ravel() @ tissue.stiffness() @ u.ravel(), rel=1e-6)
 
 
 @pytest.mark.parametrize("problem", [layered, rollers, bridge], ids=lambda f: f.__name__)

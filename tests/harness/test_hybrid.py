@@ -46,6 +46,22 @@ def test_statics_are_those_of_the_whole(problem, model, build):
     assert load == pytest.approx(-(problem.loads * u).sum(), rel=EXACT, abs=1e-15)
 
 
+@pytest.mark.parametrize("element", ["nodalPressure", "nodalAveraged"])
+@pytest.mark.parametrize("name", ["held_end", "whole"])
+def test_elements_that_share_points(name, element, build):
+    """Their statics too, each part taking means of its own, by an assembly from their energy."""
+    problem = layered()
+    problem.scene["model"] = MODELS[name] | {"element": element}
+    problem.tissue.element = element
+    if name == "held_end":
+        problem.tissue.part = meshes.centroids(*problem.mesh)[:, 0] <= 0.05
+    u, _ = oracle.statics(problem.tissue, problem.force, problem.held, problem.value)
+    with Instance(build(problem.scene)) as instance:
+        close(settle(instance, problem.nodes, tolerance=1e-13), u, EXACT)
+        elastic = instance.energies()[0]
+    assert elastic == pytest.approx(0.5 * u.ravel() @ problem.tissue.stiffness() @ u.ravel(), rel=EXACT)
+
+
 @every
 def test_a_settled_grasp_has_scikit_fems_reactions(model, build):
     """Jaws that hold nodes of either part, pulled and turned: displacement, force, torque."""

@@ -1,0 +1,569 @@
+//! Sliding contact: what a tool with a Coulomb coefficient touches may not enter it, may leave it, and rubs.
+//!
+//! A place of the surface is x_c = sum b_i x_i, of a vertex, of the point of an edge or of a face that is nearest to the
+//! axis of a capsule: of a flat triangle against a capsule one of these is always the deepest. With n from the axis to x_c, R the
+//! radius and v_t the velocity of the tool there, the forces lambda_c of the tool on tissue are those with
+//!
+//! g_c = |x_c - axis| - R >= 0 at the end of the substep,  n . lambda_c >= 0,  g_c (n . lambda_c) = 0,
+//! |lambda_t| <= mu n . lambda_c, against the slip v_c - v_t, or as large as keeps it from slipping.
+//!
+//! A force lambda_c moves the nodes by v_i += b_i gain / m_i lambda_c in the substep, so that each place answers to itself by
+//! W = sum b_i² gain / m_i, and to others by the nodes that they share. Projected Gauss and Seidel's iteration goes through
+//! them in turn, from the forces of the substep before. (The papers hold vertices instead; this is the unilateral constraint at velocity
+//! level of the manual's section 11.)
+
+use super::geometry::Capsule;
+use super::hold;
+use super::shape::ToolShape;
+use crate::loose;
+use crate::mesh::Vec3;
+use crate::model::Model;
+use crate::model::sweep::{Advance, Sums};
+use crate::model::tensor_mass::Lane;
+use crate::pose::Pose;
+use crate::scene::{Friction, ToolKind};
+use crate::state::State;
+
+/// Passes through the places of a substep at most.
+const MOST_PASSES: usize = 40;
+/// Passes end when no force changes by more than this share of the largest.
+const SETTLED: f64 = 1e-4;
+/// What is nearer than this share of the radius at a haptic tick, and what tool and tissue can move until the next one,
+/// is looked at.
+const MARGIN: f64 = 0.25;
+/// Depth, in radii, that a substep makes good at most: what is deeper comes out over several.
+const MOST_DEPTH: f64 = 0.1;
+
+/// A place that a capsule of a tool may touch before the next haptic tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    pub tool: u32,
+    /// Which of its capsules; of a face, twice that and one more for the far end of the axis.
+    pub capsule: u32,
+    /// Of a vertex three times the same, of an edge the second one twice.
+    pub nodes: [u32; 3],
+    /// Of the tool on tissue in the last substep \[N\].
+    pub force: Vec3,
+    /// v_t in the last substep \[m/s\], where there was a force.
+    pub velocity: Vec3,
+}
+
+impl Contact {
+    fn key(&self) -> (u32, u32, [u32; 3]) {
+        (self.tool, self.capsule, self.nodes)
+    }
+}
+
+/// A contact in a substep.
+#[derive(Clone, Copy, Debug)]
+struct Touch {
+    at: usize,
+    nodes: [usize; 3],
+    /// b_i, which sum to 1.
+    weight: [f64; 3],
+    place: Vec3,
+    normal: Vec3,
+    /// Of the place as it was at the start of the substep and the tool at its end \[m\].
+    gap: f64,
+    /// v_t \[m/s\], and in the substep before.
+    tool: Vec3,
+    before: Vec3,
+    /// What M^-1 is multiplied by \[s\].
+    gain: f64,
+    /// n . W n, and the largest of W \[m/(s N)\].
+    along: f64,
+    across: f64,
+    friction: f64,
+    force: Vec3,
+}
+
+/// Reused from substep to substep.
+#[derive(Debug, Default)]
+pub struct Scratch {
+    touches: Vec<Touch>,
+    before: Vec<Contact>,
+    nodes: Vec<u32>,
+    shape: Vec<Capsule>,
+    /// A node each, of old where nothing touches: velocities as the sweep has left them, or those of [`reaction`].
+    swept: Vec<Lane>,
+}
+
+impl Scratch {
+    pub fn new(model: &Model) -> Scratch {
+        if !(0..model.scene.tools.len()).any(|k| coefficient(model, k).is_some()) {
+            return Scratch::default();
+        }
+        let room = room(model);
+        Scratch {
+            touches: Vec::with_capacity(room),
+            before: Vec::with_capacity(room),
+            nodes: Vec::with_capacity(3 * room),
+            shape: Vec::with_capacity(model.tools.iter().map(ToolShape::capsules).sum()),
+            swept: vec![Lane::default(); model.parts.known],
+        }
+    }
+}
+
+/// Places there is room for without allocating.
+pub fn room(model: &Model) -> usize {
+    let capsules: usize = (0..model.scene.tools.len())
+        .filter(|k| coefficient(model, *k).is_some())
+        .map(|k| model.tools[k].capsules())
+        .sum();
+    capsules * (4 * model.topology.faces.len()).min(8192)
+}
+
+/// mu of a tool that slides.
+pub fn coefficient(model: &Model, k: usize) -> Option<f64> {
+    match model.scene.tools[k].friction {
+        Friction::Stick => None,
+        Friction::Coulomb(mu) => Some(mu),
+    }
+}
+
+/// At a haptic tick: which places tool `k` may touch until the next, on a `way` so long \[m\].
+pub fn find(model: &Model, state: &mut State, k: usize, way: f64, work: &mut Scratch) {
+    if coefficient(model, k).is_none() {
+        return;
+    }
+    work.before.clear();
+    let tool = k as u32;
+    work.before.extend(
+        state
+            .contacts
+            .iter()
+            .filter(|c| c.tool == tool && c.force != Vec3::zeros()),
+    );
+    state.contacts.retain(|c| c.tool != tool);
+    let burns = model.scene.tools[k].kind == ToolKind::Cautery && state.tools[k].active;
+    if burns {
+        return;
+    }
+    let first = state.contacts.len();
+    for (c, capsule) in model.tools[k].at(&state.tools[k].pose).enumerate() {
+        find_near(model, state, tool, c as u32, &capsule, way);
+    }
+    let own = &mut state.contacts[first..];
+    own.sort_unstable_by_key(Contact::key);
+    let mut count = first;
+    for at in first..state.contacts.len() {
+        let mut contact = state.contacts[at];
+        if count > first && state.contacts[count - 1].key() == contact.key() {
+            continue;
+        }
+        let same = |other: &Contact| other.key().cmp(&contact.key());
+        if let Ok(found) = work.before.binary_search_by(same) {
+            contact.force = work.before[found].force;
+            contact.velocity = work.before[found].velocity;
+        }
+        state.contacts[count] = contact;
+        count += 1;
+    }
+    state.contacts.truncate(count);
+}
+
+fn find_near(model: &Model, state: &mut State, tool: u32, c: u32, capsule: &Capsule, way: f64) {
+    let reach = (1.0 + MARGIN) * capsule.radius + way;
+    let (low, high) = capsule.bounds(reach - capsule.radius);
+    let State {
+        live,
+        contacts,
+        displacement,
+        ..
+    } = state;
+    let mut add = |capsule, nodes| {
+        contacts.push(Contact {
+            tool,
+            capsule,
+            nodes,
+            force: Vec3::zeros(),
+            velocity: Vec3::zeros(),
+        });
+    };
+    for face in &live.surface {
+        let nodes = live.triangle(model, *face);
+        if nodes.iter().any(|v| *v as usize >= displacement.len()) {
+            continue;
+        }
+        let x = nodes.map(|v| live.rest[v as usize] + displacement[v as usize].xyz());
+        let apart = |axis: usize| {
+            x.iter().all(|x| x[axis] < low[axis]) || x.iter().all(|x| x[axis] > high[axis])
+        };
+        if (0..3).any(apart) {
+            continue;
+        }
+        let middle = (x[0] + x[1] + x[2]) / 3.0;
+        let normal = (x[1] - x[0]).cross(&(x[2] - x[0]));
+        let size = x
+            .iter()
+            .map(|x| (x - middle).norm_squared())
+            .fold(0.0, f64::max)
+            .sqrt();
+        let nearest = capsule.on_axis(&middle);
+        // Only what faces the axis can be pushed away from it.
+        if (nearest - middle).norm() > reach + size || (nearest - middle).dot(&normal) <= 0.0 {
+            continue;
+        }
+        let mut sorted = nodes;
+        sorted.sort_unstable();
+        add(2 * c, sorted);
+        if capsule.tip != capsule.end {
+            add(2 * c + 1, sorted);
+        }
+        for (a, b) in [(0, 1), (1, 2), (0, 2)] {
+            add(2 * c, [sorted[a], sorted[b], sorted[b]]);
+        }
+        for v in sorted {
+            add(2 * c, [v; 3]);
+        }
+    }
+}
+
+/// Where tools were, and what there is of the substep.
+pub struct Substep<'a> {
+    pub from: &'a [Pose],
+    pub residual: &'a [Lane],
+    pub by: &'a Advance,
+}
+
+/// After the sweep of a substep, tools being where they end: pushes out what has entered, and rubs. Books work, friction
+/// and impulse, brings the sums up to date, those of loose nodes apart, and returns the trailing half of what the
+/// contacts do at this point \[J\].
+pub fn push(
+    model: &Model,
+    state: &mut State,
+    work: &mut Scratch,
+    substep: &Substep,
+    impulse: &mut [Vec3],
+    sums: &mut [Sums; 2],
+) -> f64 {
+    let by = substep.by;
+    touch(model, state, work, by, Some(substep.from));
+    if work.touches.is_empty() {
+        return 0.0;
+    }
+    for node in &work.nodes {
+        work.swept[*node as usize] = state.velocity[*node as usize];
+    }
+    let (touches, inverse_mass) = (&mut work.touches, &state.inverse_mass);
+    solve(touches, by.substep, inverse_mass, &mut state.velocity);
+    let (lag, h) = (state.clock.lag, by.substep);
+    for node in &work.nodes {
+        let i = *node as usize;
+        let gain = gain(state, i, by);
+        let w = Vec3::from_fn(|a, _| state.inverse_mass[i].0[a] * gain);
+        let (swept, v) = (work.swept[i].xyz(), state.velocity[i].xyz());
+        let before = swept - w.component_mul(&substep.residual[i].xyz());
+        let m = state.live.mass[i];
+        let sums = &mut sums[usize::from(state.live.pieces.is_loose(i))];
+        sums.kinetic += m * before.dot(&(v - swept));
+        sums.damping += m * (v.dot(&(before + v)) - swept.dot(&(before + swept)));
+        state.displacement[i] = (state.displacement[i].xyz() + (v - swept) * h).into();
+        work.swept[i] = before.into();
+    }
+    let mut trailing = 0.0;
+    for touch in &work.touches {
+        let mean = |of: &[Lane]| -> Vec3 {
+            let nodes = touch.nodes.iter().zip(touch.weight);
+            nodes.map(|(i, b)| of[*i].xyz() * b).sum()
+        };
+        let behind = 0.5 * lag * mean(&work.swept).dot(&touch.force);
+        let ahead = 0.5 * h * mean(&state.velocity).dot(&touch.force);
+        let way = touch.before * (0.5 * lag) + touch.tool * (0.5 * h);
+        let by_tool = way.dot(&touch.force);
+        let contact = &mut state.contacts[touch.at];
+        (contact.force, contact.velocity) = (touch.force, touch.tool);
+        state.account.tool_work += by_tool;
+        // What does not move the tissue along is friction, or a blow.
+        state.account.dissipated += by_tool - behind - ahead;
+        impulse[contact.tool as usize] -= touch.force * by.kick;
+        trailing += behind;
+    }
+    trailing
+}
+
+/// Loose nodes are advanced with the damping of their own motion.
+fn gain(state: &State, node: usize, by: &Advance) -> f64 {
+    match state.live.pieces.is_loose(node) {
+        true => by.kick,
+        false => by.gain,
+    }
+}
+
+/// What touches at the end of the substep, or did in the one before; without `from`, what does now.
+fn touch(
+    model: &Model,
+    state: &mut State,
+    work: &mut Scratch,
+    by: &Advance,
+    from: Option<&[Pose]>,
+) {
+    work.touches.clear();
+    work.nodes.clear();
+    let mut of = u32::MAX;
+    for at in 0..state.contacts.len() {
+        let contact = &mut state.contacts[at];
+        let last = match from {
+            Some(_) => std::mem::take(&mut contact.force),
+            None => contact.force,
+        };
+        let (k, contact) = (contact.tool as usize, *contact);
+        let pose = &state.tools[k].pose;
+        if contact.tool != of {
+            of = contact.tool;
+            work.shape.clear();
+            work.shape.extend(model.tools[k].at(pose));
+        }
+        let capsule = &work.shape[contact.capsule as usize / 2];
+        let nodes = contact.nodes.map(|v| v as usize);
+        // The sweep has moved them on, as if nothing held them.
+        let back = from.map_or(0.0, |_| by.substep);
+        let x = nodes.map(|i| {
+            let u = state.displacement[i].xyz() - state.velocity[i].xyz() * back;
+            state.live.rest[i] + u
+        });
+        let far = contact.capsule % 2 == 1;
+        let Some((weight, on_axis)) = nearest(capsule, far, &nodes, &x) else {
+            continue;
+        };
+        let place = x[0] * weight[0] + x[1] * weight[1] + x[2] * weight[2];
+        let away = place - on_axis;
+        let distance = away.norm();
+        if distance == 0.0 {
+            continue;
+        }
+        let (gap, normal) = (distance - capsule.radius, away / distance);
+        let mean = nodes
+            .iter()
+            .zip(weight)
+            .map(|(i, b)| state.velocity[*i].xyz() * b);
+        let enters = from.is_some() && gap + back * normal.dot(&mean.sum::<Vec3>()) < 0.0;
+        if !enters && last == Vec3::zeros() {
+            continue;
+        }
+        let gain = gain(state, nodes[0], by);
+        let mut w = Vec3::zeros();
+        for (i, b) in nodes.iter().zip(weight) {
+            for axis in 0..3 {
+                w[axis] += b * b * gain * state.inverse_mass[*i].0[axis];
+            }
+        }
+        let along = normal.dot(&normal.component_mul(&w));
+        if along <= 0.0 {
+            // Others hold it.
+            continue;
+        }
+        let moved = from.map(|from| place - from[k].point(&pose.local(&place)));
+        let tool = moved.map_or(Vec3::zeros(), |way| way / by.substep);
+        work.nodes.extend(contact.nodes);
+        work.touches.push(Touch {
+            at,
+            nodes,
+            weight,
+            place,
+            normal,
+            gap: gap.max(-MOST_DEPTH * capsule.radius),
+            tool,
+            // What has just come is struck.
+            before: if last == Vec3::zeros() {
+                tool
+            } else {
+                contact.velocity
+            },
+            gain,
+            along,
+            across: w.max(),
+            friction: coefficient(model, k).unwrap_or(0.0),
+            force: last,
+        });
+    }
+    work.nodes.sort_unstable();
+    work.nodes.dedup();
+}
+
+/// Weights of the nodes and the point of the axis that are nearest to each other; none where another place is nearer.
+fn nearest(
+    capsule: &Capsule,
+    far: bool,
+    nodes: &[usize; 3],
+    x: &[Vec3; 3],
+) -> Option<([f64; 3], Vec3)> {
+    if nodes[0] == nodes[1] {
+        return Some(([1.0, 0.0, 0.0], capsule.on_axis(&x[0])));
+    }
+    if nodes[1] == nodes[2] {
+        let (share, on_axis) = capsule.nearest_on_edge(&x[0], &x[1])?;
+        return Some(([1.0 - share, share, 0.0], on_axis));
+    }
+    let from = if far { capsule.end } else { capsule.tip };
+    let (a, b) = (x[1] - x[0], x[2] - x[0]);
+    let normal = a.cross(&b);
+    let area = normal.norm_squared();
+    if area == 0.0 {
+        return None;
+    }
+    let to = from - x[0];
+    let second = to.cross(&b).dot(&normal) / area;
+    let third = a.cross(&to).dot(&normal) / area;
+    let first = 1.0 - second - third;
+    (first > 0.0 && second > 0.0 && third > 0.0).then_some(([first, second, third], from))
+}
+
+/// The nearest to a force of those with a given part along the normal.
+fn within_cone(touch: &Touch, force: Vec3, pressed: f64) -> Vec3 {
+    let n = touch.normal;
+    let across = force - n * force.dot(&n);
+    let (size, most) = (across.norm(), touch.friction * pressed);
+    match size > most {
+        true => n * pressed + across * (most / size),
+        false => n * pressed + across,
+    }
+}
+
+/// Forces of all that touches, and the velocities they lead to.
+fn solve(touches: &mut [Touch], h: f64, inverse_mass: &[Lane], velocity: &mut [Lane]) {
+    let give = |touch: &Touch, force: &Vec3, velocity: &mut [Lane]| {
+        for (i, b) in touch.nodes.iter().zip(touch.weight) {
+            let (v, w) = (&mut velocity[*i].0, &inverse_mass[*i].0);
+            for axis in 0..3 {
+                v[axis] += touch.gain * b * w[axis] * force[axis];
+            }
+        }
+    };
+    for touch in touches.iter_mut() {
+        // Normals turn; the cone is kept.
+        let pressed = touch.force.dot(&touch.normal).max(0.0);
+        touch.force = within_cone(touch, touch.force, pressed);
+        give(touch, &touch.force, velocity);
+    }
+    for _ in 0..MOST_PASSES {
+        let (mut change, mut largest) = (0.0f64, 0.0f64);
+        for touch in touches.iter_mut() {
+            let mut v = Vec3::zeros();
+            for (i, b) in touch.nodes.iter().zip(touch.weight) {
+                v += velocity[*i].xyz() * b;
+            }
+            let n = touch.normal;
+            let gap = touch.gap / h + n.dot(&v);
+            let pressed = (touch.force.dot(&n) - gap / touch.along).max(0.0);
+            let sticking = touch.force - (v - touch.tool) / touch.across;
+            let force = within_cone(touch, sticking, pressed);
+            let more = force - touch.force;
+            touch.force = force;
+            give(touch, &more, velocity);
+            change = change.max(more.amax());
+            largest = largest.max(force.amax());
+        }
+        if change <= SETTLED * largest {
+            break;
+        }
+    }
+}
+
+/// Force \[N\] and torque \[N m\] of what slides on each tool at the end of a step, without inertia: of the forces that keep
+/// what touches from being accelerated. `loose` has been measured. Adds them.
+pub fn read_forces(model: &Model, state: &mut State, loose: &loose::Scratch, work: &mut Scratch) {
+    let by = Advance::symplectic_euler(1.0, 1.0, 0.0);
+    touch(model, state, work, &by, None);
+    for node in &work.nodes {
+        let i = *node as usize;
+        let r = hold::residual(model, state, loose, i);
+        let a = Vec3::from_fn(|axis, _| r[axis] * state.inverse_mass[i].0[axis]);
+        work.swept[i] = a.into();
+    }
+    for touch in &mut work.touches {
+        touch.gap = 0.0;
+    }
+    let inverse_mass = &state.inverse_mass;
+    solve(&mut work.touches, 1.0, inverse_mass, &mut work.swept);
+    for touch in &work.touches {
+        let tool = &mut state.tools[state.contacts[touch.at].tool as usize];
+        tool.force -= touch.force;
+        tool.torque -= (touch.place - tool.pose.position).cross(&touch.force);
+        tool.in_contact = true;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Places on few nodes, some of which are held along an axis, driven together: forces are in their cones, what is pressed
+    /// does not enter, and what lies within the cone does not slip.
+    #[test]
+    fn forces_are_in_their_cones() {
+        let mut seed = 7u64;
+        let mut random = move || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (seed >> 33) as f64 / f64::from(1u32 << 30) - 1.0
+        };
+        let (mut sticks, mut slides, mut leaves) = (0, 0, 0);
+        for round in 0..100 {
+            let count = 12;
+            let inverse_mass: Vec<Lane> = (0..count)
+                .map(|i| match i % 5 {
+                    0 => Lane([0.0, 1e4, 1e4, 0.0]),
+                    _ => Lane([8e3; 4]),
+                })
+                .collect();
+            let velocity: Vec<Lane> = (0..count)
+                .map(|_| Lane([random(), random(), random() + 0.5, 0.0]))
+                .collect();
+            let friction = [0.0, 0.3, 1.5][round % 3];
+            let mut touches: Vec<Touch> = (0..6)
+                .map(|k| {
+                    let nodes = [2 * k, 2 * k + 1, (2 * k + 2) % count];
+                    let weight = [0.2, 0.3, 0.5];
+                    let tilt = Vec3::new(0.2 * random(), 0.2 * random(), -1.0);
+                    let normal = tilt.normalize();
+                    let gain = 1e-4;
+                    let mut w = Vec3::zeros();
+                    for (i, b) in nodes.iter().zip(weight) {
+                        for axis in 0..3 {
+                            w[axis] += b * b * gain * inverse_mass[*i].0[axis];
+                        }
+                    }
+                    Touch {
+                        at: k,
+                        nodes,
+                        weight,
+                        place: Vec3::zeros(),
+                        normal,
+                        gap: 1e-5 * random(),
+                        tool: Vec3::new(0.3 * random(), 0.0, 0.0),
+                        before: Vec3::zeros(),
+                        gain,
+                        along: normal.dot(&normal.component_mul(&w)),
+                        across: w.max(),
+                        friction,
+                        force: Vec3::zeros(),
+                    }
+                })
+                .collect();
+            let mut after = velocity;
+            solve(&mut touches, 1e-4, &inverse_mass, &mut after);
+            for touch in &touches {
+                let n = touch.normal;
+                let pressed = touch.force.dot(&n);
+                let rubbed = (touch.force - n * pressed).norm();
+                assert!(pressed >= 0.0 && rubbed <= friction * pressed * (1.0 + 1e-12) + 1e-12);
+                let nodes = touch.nodes.iter().zip(touch.weight);
+                let v: Vec3 = nodes.map(|(i, b)| after[*i].xyz() * b).sum();
+                let gap = touch.gap / 1e-4 + n.dot(&v);
+                assert!(gap > -2e-3, "{gap}");
+                let slip = v - touch.tool;
+                let slip = (slip - n * slip.dot(&n)).norm();
+                if pressed == 0.0 {
+                    leaves += 1;
+                } else if rubbed < 0.99 * friction * pressed {
+                    assert!(slip < 2e-3, "{slip}");
+                    sticks += 1;
+                } else {
+                    slides += 1;
+                }
+            }
+        }
+        println!("{sticks} stick, {slides} slide, {leaves} leave");
+        assert!(sticks > 20 && slides > 100 && leaves > 20);
+    }
+}

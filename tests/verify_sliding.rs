@@ -1,0 +1,277 @@
+//! Tools that slide: unilateral contact with a Coulomb cone.
+
+mod common;
+
+use std::collections::HashSet;
+
+use tissue::contact::slide::Contact;
+use tissue::mesh::Vec3;
+use tissue::simulation::Simulation;
+
+const RADIUS: f64 = 0.01;
+/// Of the sphere's centre where it touches the block.
+const TOP: f64 = 0.03 + RADIUS;
+
+/// A block on a fixed base with a sphere above its middle.
+fn block(friction: f64, settings: &str) -> Simulation {
+    let text = format!(
+        r#"{{"name": "block", "mesh": {{"box": {{"size": [0.06, 0.06, 0.03], "cells": [10, 10, 5]}}}},
+  "materials": [{{"where": {{"all": true}}, "youngModulus": 6000, "poissonRatio": 0.45, "density": 1000}}],
+  "fixed": [{{"box": {{"min": [0, 0, 0], "max": [1, 1, 0]}}}}], "gravity": [0, 0, 0], {settings}
+  "tools": [{{"name": "probe", "kind": "probe", "shape": {{"sphere": {{"radius": {RADIUS}}}}}, "friction": {friction},
+    "position": [0.031, 0.0305, {}]}}]}}"#,
+        TOP + 0.0005
+    );
+    common::simulation(&text)
+}
+
+/// Down by 5 mm in .3 s, along by 6 mm from .6 s to 1 s, up from 1.2 s on.
+fn script(s: &mut Simulation, t: f64) {
+    let ramp = |from: f64, to: f64| ((t - from) / (to - from)).clamp(0.0, 1.0);
+    let height = TOP + 0.0005 - 0.0055 * ramp(0.0, 0.3) + 0.008 * ramp(1.2, 1.4);
+    s.set_pose_input(0, 2, height);
+    s.set_pose_input(0, 0, 0.031 + 0.006 * ramp(0.6, 1.0));
+}
+
+fn touching(s: &Simulation) -> impl Iterator<Item = &Contact> {
+    let contacts = s.state().contacts.iter();
+    contacts.filter(|c| c.force != Vec3::zeros())
+}
+
+/// Of any point of the surface that can be deepest \[m\].
+fn deepest(s: &Simulation) -> f64 {
+    let (model, state) = (s.model(), s.state());
+    let centre = state.tools[0].pose.position;
+    let mut deepest = 0.0f64;
+    for face in &state.live.surface {
+        let x = state.live.triangle(model, *face).map(|v| state.position(v));
+        for k in 0..=20 {
+            for l in 0..=20 - k {
+                let [a, b] = [f64::from(k) / 20.0, f64::from(l) / 20.0];
+                let place = x[0] * (1.0 - a - b) + x[1] * a + x[2] * b;
+                deepest = deepest.max(RADIUS - (place - centre).norm());
+            }
+        }
+    }
+    deepest
+}
+
+/// Energy is kept to round-off, forces lie in the cone, nothing enters, the mean force at rest is that of the end, a
+/// change of force stays below three times stiffness times travel, and what is left bears no trace of the tool.
+#[test]
+fn a_sphere_presses_slides_and_leaves() {
+    for (settings, tolerance) in [
+        ("", 1e-12),
+        (r#""integration": {"scheme": "centralDifference"},"#, 1e-12),
+        (r#""model": {"element": "nodalAveraged"},"#, 1e-12),
+        (r#""model": {"elasticity": "stableNeoHookean"},"#, 1e-5),
+    ] {
+        for friction in [0.0, 0.3, 2.0] {
+            let mut s = block(friction, settings);
+            let (mut worst, mut scale, mut last) = (0.0f64, 0.0f64, Vec3::zeros());
+            let (mut jump, mut heat) = (0.0f64, 0.0);
+            let (mut stiffness, mut travelled, mut lost) = (None, 0.0, 0.0f64);
+            for k in 0..1500 {
+                script(&mut s, f64::from(k) * 1e-3);
+                let before = s.tool(0).pose.position;
+                s.step(1e-3).unwrap();
+                let e = s.energy();
+                scale = scale.max(e.elastic + e.kinetic + e.tool_work.abs());
+                worst = worst.max((e.balance() - s.state().account.start).abs());
+                lost = lost.max((heat - e.dissipated) / scale);
+                heat = heat.max(e.dissipated);
+                let (force, mean) = (s.tool(0).force, s.tool(0).mean_force);
+                let travel = (s.tool(0).pose.position - before).norm();
+                if k == 500 {
+                    stiffness = stiffness_in_a_step(&mut s);
+                }
+                // Waves go on when the tool stands still.
+                let most = 3.0 * stiffness.unwrap_or(1200.0) * travel.max(travelled);
+                assert!(
+                    (force - last).norm() <= most,
+                    "{k}: {last} {force} {stiffness:?}"
+                );
+                travelled = travel.max(travelled);
+                jump = jump.max((force - last).norm());
+                last = force;
+                for contact in touching(&s) {
+                    let n = normal(&s, contact);
+                    let pressed = contact.force.dot(&n);
+                    let rubbed = (contact.force - n * pressed).norm();
+                    // The normal has turned in the substep since.
+                    assert!(pressed > 0.0 && rubbed <= (1.01 * friction + 0.03) * pressed);
+                }
+                match k {
+                    550 | 1150 => {
+                        assert!(
+                            (force - mean).norm() < 1e-3 * force.norm(),
+                            "{force} {mean}"
+                        );
+                        assert!(deepest(&s) < 1e-3 * RADIUS, "{}", deepest(&s));
+                        assert!(force.z > 0.25 && force.xy().norm() < (friction + 0.2) * force.z);
+                    }
+                    800 => println!(
+                        "{settings} mu {friction}: {:?}, {} touch of {}, {:.1e} m deep",
+                        force.as_slice(),
+                        touching(&s).count(),
+                        s.state().contacts.len(),
+                        deepest(&s)
+                    ),
+                    1400.. => assert!(force == Vec3::zeros() && !s.tool(0).in_contact),
+                    _ => {}
+                }
+            }
+            println!(
+                "    energy {:.1e}, heat lost {lost:.1e}, largest jump {jump:.4} N at {stiffness:.0?} N/m",
+                worst / scale
+            );
+            assert!(worst < tolerance * scale && lost < 1e-5);
+        }
+    }
+}
+
+/// Change of force with a displacement made in one step \[N/m\].
+fn stiffness_in_a_step(s: &mut Simulation) -> Option<f64> {
+    let saved = s.save();
+    let mut force = |down: f64| {
+        s.restore(&saved);
+        s.set_pose_input(0, 2, saved.tools[0].pose.position.z - down);
+        s.step(1e-3).unwrap();
+        s.tool(0).force.z
+    };
+    let change = force(1e-6) - force(-1e-6);
+    s.restore(&saved);
+    Some(change / 2e-6)
+}
+
+/// From the sphere's centre to the mean of a contact's nodes as they count.
+fn normal(s: &Simulation, contact: &Contact) -> Vec3 {
+    let centre = s.tool(0).pose.position;
+    let x = contact.nodes.map(|v| s.state().position(v));
+    let place = match contact.nodes {
+        [a, b, _] if a == b => x[0],
+        [_, b, c] if b == c => {
+            let edge = x[1] - x[0];
+            x[0] + edge * ((centre - x[0]).dot(&edge) / edge.norm_squared())
+        }
+        _ => {
+            let n = (x[1] - x[0]).cross(&(x[2] - x[0])).normalize();
+            centre - n * (centre - x[0]).dot(&n)
+        }
+    };
+    (place - centre).normalize()
+}
+
+/// At rest no node comes or goes.
+#[test]
+fn at_rest_contacts_stay() {
+    for friction in [0.0, 0.3] {
+        let mut s = block(friction, "");
+        let nodes = |s: &Simulation| touching(s).flat_map(|c| c.nodes).collect::<HashSet<u32>>();
+        let (mut before, mut changes) = (HashSet::new(), 0);
+        for k in 0..3000 {
+            script(&mut s, (f64::from(k) * 1e-3).min(0.5));
+            s.step(1e-3).unwrap();
+            let now = nodes(&s);
+            if k > 2000 {
+                changes += before.symmetric_difference(&now).count();
+            }
+            before = now;
+        }
+        println!(
+            "mu {friction}: {} nodes, {changes} changes in a second",
+            before.len()
+        );
+        assert!(before.len() > 3 && changes <= 2 * before.len());
+    }
+}
+
+/// A state restored from bytes goes on to the bit, in the midst of sliding and between haptic ticks.
+#[test]
+fn what_slides_is_restored() {
+    let mut s = block(0.3, "");
+    for k in 0..800 {
+        script(&mut s, f64::from(k) * 1e-3);
+        s.step(1e-3).unwrap();
+    }
+    s.step(0.4e-3).unwrap();
+    let bytes = s.serialise(&s.save());
+    let mut other = Simulation::new(s.model().clone());
+    let state = other.deserialise(&bytes).unwrap();
+    other.restore(&state);
+    for k in 801..900 {
+        for s in [&mut s, &mut other] {
+            script(s, f64::from(k) * 1e-3);
+            s.step(1e-3).unwrap();
+        }
+        assert!(s.state() == other.state(), "{k}");
+    }
+    assert!(touching(&s).count() > 1);
+}
+
+/// A loose block that is pushed along takes up the tool's impulse, whatever rubs.
+#[test]
+fn a_loose_block_takes_up_the_impulse() {
+    for friction in [0.0, 0.5] {
+        let text = format!(
+            r#"{{"name": "loose", "mesh": {{"box": {{"size": [0.04, 0.02, 0.02], "cells": [6, 3, 3]}}}},
+  "materials": [{{"where": {{"all": true}}, "youngModulus": 20000, "poissonRatio": 0.4, "density": 1000}}],
+  "gravity": [0, 0, 0], "integration": {{"damping": 20}},
+  "tools": [{{"name": "probe", "kind": "probe", "shape": {{"sphere": {{"radius": 0.008}}}}, "friction": {friction},
+    "position": [-0.009, 0.008, 0.014]}}]}}"#
+        );
+        let mut s = common::simulation(&text);
+        let mut impulse = Vec3::zeros();
+        for k in 0..200 {
+            s.set_pose_input(0, 0, -0.009 + 0.02 * (f64::from(k) / 100.0).min(1.0));
+            s.set_pose_input(0, 1, 0.008 + 0.004 * (f64::from(k) / 100.0).min(1.0));
+            s.step(1e-3).unwrap();
+            impulse -= s.tool(0).mean_force * 1e-3;
+        }
+        let state = s.state();
+        let momentum: Vec3 = (0..state.live.mass.len())
+            .map(|i| state.velocity[i].xyz() * state.live.mass[i])
+            .sum();
+        let e = s.energy();
+        let off = e.balance() - s.state().account.start;
+        println!(
+            "mu {friction}: {impulse:?} {momentum:?}, energy {:.1e}",
+            off / e.tool_work
+        );
+        assert!(impulse.x > 1e-4 && (impulse - momentum).norm() < 1e-12 * impulse.norm());
+        assert!(off.abs() < 1e-3 * e.tool_work);
+    }
+}
+
+/// A shaft thinner than the triangles are large is stopped by their edges and faces, wherever it comes.
+#[test]
+fn a_thin_shaft_does_not_pass_between_the_vertices() {
+    for (x, y) in [(0.031, 0.0305), (0.0305, 0.0335), (0.0285, 0.0315)] {
+        let text = format!(
+            r#"{{"name": "block", "mesh": {{"box": {{"size": [0.06, 0.06, 0.03], "cells": [10, 10, 5]}}}},
+  "materials": [{{"where": {{"all": true}}, "youngModulus": 6000, "poissonRatio": 0.45, "density": 1000}}],
+  "fixed": [{{"box": {{"min": [0, 0, 0], "max": [1, 1, 0]}}}}], "gravity": [0, 0, 0],
+  "model": {{"elasticity": "stableNeoHookean"}},
+  "tools": [{{"name": "needle", "kind": "probe", "shape": {{"capsule": {{"radius": 0.0005, "length": 0.1}}}}, "friction": 0.1,
+    "position": [{x}, {y}, 0.031], "orientation": [0, 1, 0, 0]}}]}}"#
+        );
+        let mut s = common::simulation(&text);
+        for k in 0..300 {
+            s.set_pose_input(0, 2, 0.031 - 0.005 * (f64::from(k) / 300.0));
+            s.step(1e-3).unwrap();
+        }
+        let (model, state) = (s.model(), s.state());
+        let tip = state.tools[0].pose.position;
+        let inside = state.live.tetrahedra.iter().enumerate().any(|(t, nodes)| {
+            let x = nodes.map(|v| state.position(v));
+            let edges = nalgebra::Matrix3::from_columns(&[x[1] - x[0], x[2] - x[0], x[3] - x[0]]);
+            let b = edges.try_inverse().map(|m| m * (tip - x[0]));
+            state.live.alive[t] && b.is_some_and(|b| b.min() > 0.0 && b.sum() < 1.0)
+        });
+        println!(
+            "{x} {y}: {:?} N, inside {inside}, {}",
+            state.tools[0].force.z, model.file
+        );
+        assert!(!inside && state.tools[0].force.z > 0.02);
+    }
+}
