@@ -21,6 +21,8 @@ pub(crate) trait Four: Copy {
     unsafe fn max(self, other: Self) -> Self;
     /// 1 where it is above the other, else 0.
     unsafe fn above(self, other: Self) -> Self;
+    /// Whether all four are above the other's.
+    unsafe fn is_above(self, other: Self) -> bool;
     /// self * b + c
     unsafe fn mul_add(self, b: Self, c: Self) -> Self;
     /// Natural logarithm of positive normal numbers.
@@ -29,6 +31,8 @@ pub(crate) trait Four: Copy {
     unsafe fn transpose(rows: [Self; 4]) -> [Self; 4];
     /// Components x, y, z of four nodes.
     unsafe fn gather(from: &[Lane], nodes: [u32; 4]) -> [Self; 3];
+    /// Rows x, y, z and zeros become columns.
+    unsafe fn lanes(what: [Self; 3]) -> [Self; 4];
     /// Adds x, y, z to those of four nodes, one after the other.
     unsafe fn scatter(what: [Self; 3], to: &mut [Lane], nodes: [u32; 4]);
 }
@@ -95,6 +99,11 @@ impl Four for Plain {
     }
 
     #[inline(always)]
+    unsafe fn is_above(self, other: Plain) -> bool {
+        (0..4).all(|k| self.0[k] > other.0[k])
+    }
+
+    #[inline(always)]
     unsafe fn mul_add(self, b: Plain, c: Plain) -> Plain {
         self.both(b, |a, b| a * b).both(c, |ab, c| ab + c)
     }
@@ -113,6 +122,12 @@ impl Four for Plain {
     unsafe fn gather(from: &[Lane], nodes: [u32; 4]) -> [Plain; 3] {
         let lanes = nodes.map(|v| from[v as usize].0);
         std::array::from_fn(|axis| Plain(lanes.map(|lane| lane[axis])))
+    }
+
+    #[inline(always)]
+    unsafe fn lanes(what: [Plain; 3]) -> [Plain; 4] {
+        let [x, y, z] = what.map(|row| row.0);
+        std::array::from_fn(|k| Plain([x[k], y[k], z[k], 0.0]))
     }
 
     #[inline(always)]
@@ -196,6 +211,11 @@ mod avx2 {
         }
 
         #[inline(always)]
+        unsafe fn is_above(self, other: Avx2) -> bool {
+            unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_GT_OQ>(self.0, other.0)) == 0b1111 }
+        }
+
+        #[inline(always)]
         unsafe fn mul_add(self, b: Avx2, c: Avx2) -> Avx2 {
             Avx2(unsafe { _mm256_fmadd_pd(self.0, b.0, c.0) })
         }
@@ -274,22 +294,33 @@ mod avx2 {
         }
 
         #[inline(always)]
-        unsafe fn scatter(what: [Avx2; 3], to: &mut [Lane], nodes: [u32; 4]) {
+        unsafe fn lanes(what: [Avx2; 3]) -> [Avx2; 4] {
             unsafe {
                 let (x, y, z) = (what[0].0, what[1].0, what[2].0);
+                // x0 y0 x2 y2 and x1 y1 x3 y3; with its halves swapped z becomes z2 0 z0 0 and z3 0 z1 0, so that half of the
+                // columns are blends, which one of few ports need not do as it must shuffles.
                 let zero = _mm256_setzero_pd();
                 let (xy_02, xy_13) = (_mm256_unpacklo_pd(x, y), _mm256_unpackhi_pd(x, y));
-                let (z_02, z_13) = (_mm256_unpacklo_pd(z, zero), _mm256_unpackhi_pd(z, zero));
-                let lanes = [
-                    _mm256_permute2f128_pd::<0x20>(xy_02, z_02),
-                    _mm256_permute2f128_pd::<0x20>(xy_13, z_13),
-                    _mm256_permute2f128_pd::<0x31>(xy_02, z_02),
-                    _mm256_permute2f128_pd::<0x31>(xy_13, z_13),
-                ];
+                let swapped = _mm256_permute2f128_pd::<0x01>(z, z);
+                let z_20 = _mm256_blend_pd::<0b1010>(swapped, zero);
+                let z_31 = _mm256_unpackhi_pd(swapped, zero);
+                [
+                    Avx2(_mm256_blend_pd::<0b1100>(xy_02, z_20)),
+                    Avx2(_mm256_blend_pd::<0b1100>(xy_13, z_31)),
+                    Avx2(_mm256_permute2f128_pd::<0x21>(xy_02, z_20)),
+                    Avx2(_mm256_permute2f128_pd::<0x21>(xy_13, z_31)),
+                ]
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn scatter(what: [Avx2; 3], to: &mut [Lane], nodes: [u32; 4]) {
+            unsafe {
+                let lanes = Avx2::lanes(what);
                 let at = to.as_mut_ptr().cast::<f64>();
                 for k in 0..4 {
                     let place = at.add(4 * nodes[k] as usize);
-                    _mm256_store_pd(place, _mm256_add_pd(_mm256_load_pd(place), lanes[k]));
+                    _mm256_store_pd(place, _mm256_add_pd(_mm256_load_pd(place), lanes[k].0));
                 }
             }
         }
@@ -319,6 +350,12 @@ pub(crate) unsafe fn load3<V: Four>(x: &[[f64; 4]; 3]) -> Three<V> {
 #[inline(always)]
 pub(crate) unsafe fn sub3<V: Four>(a: Three<V>, b: Three<V>) -> Three<V> {
     unsafe { [a[0].sub(b[0]), a[1].sub(b[1]), a[2].sub(b[2])] }
+}
+
+/// a b
+#[inline(always)]
+pub(crate) unsafe fn scale<V: Four>(a: Three<V>, b: V) -> Three<V> {
+    unsafe { [a[0].mul(b), a[1].mul(b), a[2].mul(b)] }
 }
 
 /// a . b

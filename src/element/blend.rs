@@ -16,8 +16,8 @@
 use nalgebra::Matrix3;
 
 use super::constant_strain::Shape;
-use super::tetrahedra::{Extent, Reach, gradient};
-use crate::lanes::{self, Four, Plain, Square, dot, product, sub3};
+use super::tetrahedra::{Extent, Reach, corner_forces, differences, gradient};
+use crate::lanes::{self, Four, Plain, Square, Three, dot, product, sub3};
 use crate::law::linear::Hooke;
 use crate::law::response::{Law, Point, Response};
 use crate::law::st_venant_kirchhoff::StVenantKirchhoff;
@@ -101,13 +101,38 @@ impl Group {
         }
     }
 
-    /// G, and a_1, a_2, a_3.
+    /// G.
     #[inline(always)]
-    unsafe fn deformation<V: Four>(&self, u: &[Lane]) -> (Square<V>, Square<V>) {
+    unsafe fn deformation<V: Four>(&self, u: &[Lane]) -> Square<V> {
+        // SAFETY: the caller's.
+        unsafe { gradient(&differences(u, &self.node), &self.gradients()) }
+    }
+
+    /// a_1, a_2, a_3.
+    #[inline(always)]
+    unsafe fn gradients<V: Four>(&self) -> Square<V> {
+        // SAFETY: the caller's.
+        unsafe { [self.three(0), self.three(3), self.three(6)] }
+    }
+
+    /// One tetrahedron after the other, so that results do not depend on what is listed: those that add nothing change no
+    /// bit.
+    #[inline(always)]
+    unsafe fn add_forces<V: Four>(&self, force: &[Three<V>; 4], to: &mut [Lane]) {
         // SAFETY: the caller's.
         unsafe {
-            let a: Square<V> = [self.three(0), self.three(3), self.three(6)];
-            (gradient(u, &self.node, &a), a)
+            let rows = [
+                V::lanes(force[0]),
+                V::lanes(force[1]),
+                V::lanes(force[2]),
+                V::lanes(force[3]),
+            ];
+            for lane in 0..4 {
+                for corner in 0..4 {
+                    let at = to.get_unchecked_mut(self.node[corner][lane] as usize);
+                    at.0 = V::load(&at.0).add(rows[corner][lane]).store();
+                }
+            }
         }
     }
 }
@@ -280,8 +305,28 @@ impl Blend {
             let inverse = V::splat(1.0 / (self.threshold * self.threshold));
             let mut sum = Excess::default();
             let mut reach = Reach::<V>::rest();
-            for group in groups {
-                let (g, a) = group.deformation::<V>(u);
+            let Some(first) = groups.first() else {
+                return sum;
+            };
+            // Forces are added while the next group's are computed, and its differences are taken before: either would
+            // wait.
+            let mut ahead = differences::<V>(u, &first.node);
+            let mut late: Option<(&Group, [Three<V>; 4])> = None;
+            for (k, group) in groups.iter().enumerate() {
+                let d = ahead;
+                ahead = differences(u, &groups.get_unchecked((k + 1).min(groups.len() - 1)).node);
+                let a = group.gradients();
+                let g = gradient(&d, &a);
+                let square = dot(g[0], g[0]).add(dot(g[1], g[1])).add(dot(g[2], g[2]));
+                let scale = V::load(&group.row[SQUARE]).mul(inverse);
+                let x = scale.mul(square);
+                // Neighbours are often all below; what is not a number is not.
+                if !VERTEX && one.is_above(x) {
+                    continue;
+                }
+                if let Some((group, force)) = &late {
+                    group.add_forces(force, to);
+                }
                 let point = Point::new(g);
                 let parameters = group.two(PARAMETERS);
                 let (mut stress, mut energy) = R::respond(&point, parameters);
@@ -333,9 +378,7 @@ impl Blend {
                     energy = V::splat(0.25).mul(share).mul(energy);
                     active = share.above(zero);
                 } else {
-                    let square = dot(g[0], g[0]).add(dot(g[1], g[1])).add(dot(g[2], g[2]));
-                    let scale = V::load(&group.row[SQUARE]).mul(inverse);
-                    let s = scale.mul(square).sub(one).mul(third).max(zero).min(one);
+                    let s = x.sub(one).mul(third).max(zero).min(one);
                     let weight = s.mul(s).mul(V::splat(3.0).sub(s.add(s)));
                     // dw/dx 2 h²/tau² (W_N - W_L)
                     let rate = two.mul(s).mul(one.sub(s));
@@ -355,22 +398,15 @@ impl Blend {
                     active.mul(point.trace),
                     active.mul_add(point.volume_ratio.sub(one), one),
                 );
-                // One tetrahedron after the other, for the same reason: those that add nothing change no bit.
-                let rows = [
-                    V::transpose([force[0][0], force[0][1], force[0][2], zero]),
-                    V::transpose([force[1][0], force[1][1], force[1][2], zero]),
-                    V::transpose([force[2][0], force[2][1], force[2][2], zero]),
-                    V::transpose([force[3][0], force[3][1], force[3][2], zero]),
-                ];
                 let (energy, virial) = (energy.store(), virial.store());
                 for lane in 0..4 {
-                    for corner in 0..4 {
-                        let at = to.get_unchecked_mut(group.node[corner][lane] as usize);
-                        at.0 = V::load(&at.0).add(rows[corner][lane]).store();
-                    }
                     sum.energy += energy[lane];
                     sum.virial += virial[lane];
                 }
+                late = Some((group, force));
+            }
+            if let Some((group, force)) = &late {
+                group.add_forces(force, to);
             }
             sum.extent = reach.extent();
             sum
@@ -402,7 +438,7 @@ impl Blend {
             let one = V::splat(1.0);
             let mut reach = Reach::<V>::rest();
             for group in &self.group {
-                let point = Point::new(group.deformation::<V>(u).0);
+                let point = Point::new(group.deformation::<V>(u));
                 let active = self.reach::<V>(group, u).above(one);
                 reach.include_values(
                     active.mul(point.trace),
@@ -444,7 +480,7 @@ impl Blend {
                 // Dead ones do not count.
                 return most.mul(V::load(&group.row[SQUARE]).above(V::splat(0.0)));
             }
-            let (g, _) = group.deformation::<V>(u);
+            let g = group.deformation::<V>(u);
             let square = dot(g[0], g[0]).add(dot(g[1], g[1])).add(dot(g[2], g[2]));
             V::load(&group.row[SQUARE]).mul(inverse).mul(square)
         }
@@ -491,22 +527,6 @@ impl Blend {
         }
         // SAFETY: plain code needs no machine.
         unsafe { self.scan::<Plain>(u, found) }
-    }
-}
-
-/// V P a_j, and minus their sum.
-#[inline(always)]
-unsafe fn corner_forces<V: Four>(stress: &Square<V>, a: &Square<V>) -> [[V; 3]; 4] {
-    // SAFETY: the caller's.
-    unsafe {
-        let others = [
-            product(stress, a[0]),
-            product(stress, a[1]),
-            product(stress, a[2]),
-        ];
-        let zero = [V::splat(0.0); 3];
-        let first = sub3(sub3(sub3(zero, others[0]), others[1]), others[2]);
-        [first, others[0], others[1], others[2]]
     }
 }
 
@@ -596,12 +616,25 @@ unsafe fn moved_avx2(seen: &[Lane], u: &[Lane]) -> f64 {
 unsafe fn moved<V: Four>(seen: &[Lane], u: &[Lane]) -> f64 {
     // SAFETY: the caller's.
     unsafe {
-        let (mut least, mut most) = (V::splat(0.0), V::splat(0.0));
+        // Several at a time, as each waits for the last of its own.
+        let zero = V::splat(0.0);
+        let (mut least, mut most) = ([zero; 4], [zero; 4]);
+        let (u, rest) = u.as_chunks::<4>();
+        let (seen, others) = seen.as_chunks::<4>();
         for (u, seen) in u.iter().zip(seen) {
-            let d = V::load(&u.0).sub(V::load(&seen.0));
-            least = d.min(least);
-            most = d.max(most);
+            for k in 0..4 {
+                let d = V::load(&u[k].0).sub(V::load(&seen[k].0));
+                least[k] = d.min(least[k]);
+                most[k] = d.max(most[k]);
+            }
         }
+        for (u, seen) in rest.iter().zip(others) {
+            let d = V::load(&u.0).sub(V::load(&seen.0));
+            least[0] = d.min(least[0]);
+            most[0] = d.max(most[0]);
+        }
+        let least = least[0].min(least[1]).min(least[2].min(least[3]));
+        let most = most[0].max(most[1]).max(most[2].max(most[3]));
         let [x, y, z, _] = most.max(V::splat(0.0).sub(least)).store();
         (x * x + y * y + z * z).sqrt()
     }

@@ -18,7 +18,7 @@ use nalgebra::Matrix3;
 use super::constant_strain::Shape;
 use super::kernel::{Kernel, parameters};
 use super::tetrahedra::{Extent, Reach};
-use crate::lanes::{self, Four, Square};
+use crate::lanes::{self, Four, Square, Three, product, scale};
 use crate::law::linear::Hooke;
 use crate::law::response::{Law, Point, Response};
 use crate::law::volume_penalty;
@@ -41,12 +41,24 @@ struct Group {
     kappa: [f64; 4],
 }
 
-/// One neighbour of a point: D_jk \[m²\] and c mu L_jk \[N/m\].
+/// One neighbour of each of four points: the axes of D_jk \[m²\] and c mu L_jk \[N/m\].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C, align(32))]
-struct Entry([f64; 4]);
+struct Entries([[f64; 4]; 4]);
 
-/// Points in the order of their vertices; those of vertices that cuts have made behind them.
+/// So many points, in the order of their vertices, are near each other. Among these they are sorted by how many entries they
+/// have, as four side by side take as long as the longest row.
+const NEAR: usize = 64;
+
+/// Where the entries of a group are: `start..end`, as many as its longest row has; there is room for more.
+#[derive(Clone, Copy, Debug)]
+struct Block {
+    start: u32,
+    end: u32,
+    room: u32,
+}
+
+/// Points, near ones side by side; those of vertices that cuts have made behind them.
 #[derive(Clone, Debug)]
 pub struct NodalAveraged {
     pub law: Law,
@@ -56,17 +68,19 @@ pub struct NodalAveraged {
     /// k of [`crate::law::volume_penalty`] \[Pa\]; the materials' own do not count.
     pub penalty: f64,
     group: Vec<Group>,
-    /// A place of a group each: the vertex; its entries are `start[p]..end[p]`, with D_jj in the first.
-    node: Vec<u32>,
-    start: Vec<u32>,
-    end: Vec<u32>,
-    column: Vec<u32>,
-    entry: Vec<Entry>,
-    /// A point each: its material, what the scene counts that as, and how many entries it has room for.
+    /// A place of a group each: the vertex.
+    node: Vec<[u32; 4]>,
+    block: Vec<Block>,
+    /// D_jj comes first. Past the end of a row come zeros, for the vertex itself, as far as its block has room.
+    column: Vec<[u32; 4]>,
+    entry: Vec<Entries>,
+    /// A point each: its material, what the scene counts that as, and how many entries it has.
     material: Vec<Hooke>,
     number: Vec<u32>,
-    room: Vec<u32>,
-    /// A vertex each: the first of its points, and past the last.
+    count: Vec<u32>,
+    /// Places of the points, those of a vertex together.
+    place: Vec<u32>,
+    /// A vertex each: the first of its points in `place`, and past the last.
     range: Vec<[u32; 2]>,
     /// Scratch, left empty.
     around: Vec<u32>,
@@ -75,35 +89,26 @@ pub struct NodalAveraged {
 /// Where entries are is of no account.
 impl PartialEq for NodalAveraged {
     fn eq(&self, other: &NodalAveraged) -> bool {
-        let row = |of: &NodalAveraged, p: usize| {
-            let row = of.row(p);
-            (of.column[row.clone()].to_vec(), of.entry[row].to_vec())
+        let alike = |p: usize| {
+            let (own, others) = (self.row(p), other.row(p));
+            let own = own.map(|at| (self.neighbour(at), self.numbers(at)));
+            own.eq(others.map(|at| (other.neighbour(at), other.numbers(at))))
         };
         (self.law, self.hourglass, self.has_fibre, self.penalty)
             == (other.law, other.hourglass, other.has_fibre, other.penalty)
-            && (
-                &self.group,
-                &self.node,
-                &self.material,
-                &self.number,
-                &self.range,
-            ) == (
-                &other.group,
-                &other.node,
-                &other.material,
-                &other.number,
-                &other.range,
-            )
-            && (0..self.node.len()).all(|p| row(self, p) == row(other, p))
+            && (&self.group, &self.node, &self.material, &self.number)
+                == (&other.group, &other.node, &other.material, &other.number)
+            && (&self.count, &self.place, &self.range) == (&other.count, &other.place, &other.range)
+            && (0..self.count.len()).all(alike)
     }
 }
 
-/// What a tetrahedron adds to its corner j for its corner k.
-fn entry(shape: &Shape, material: &Hooke, c: f64, j: usize, k: usize) -> Entry {
+/// What a tetrahedron adds to its corner j for its corner k: D_jk and c mu L_jk.
+fn entry(shape: &Shape, material: &Hooke, c: f64, j: usize, k: usize) -> [f64; 4] {
     let d = shape.gradient[k] * (shape.volume / 4.0);
     let l = shape.volume * shape.gradient[j].dot(&shape.gradient[k]);
     let l = if j == k { 0.0 } else { c * material.mu * l };
-    Entry([d.x, d.y, d.z, l])
+    [d.x, d.y, d.z, l]
 }
 
 impl NodalAveraged {
@@ -115,7 +120,7 @@ impl NodalAveraged {
         of: impl Fn(usize) -> Option<(&'a Shape, &'a Hooke, u32)>,
     ) -> NodalAveraged {
         // (vertex, material, neighbour or the vertex itself first)
-        let mut pairs: Vec<(u32, u32, u32, Entry)> = Vec::new();
+        let mut pairs: Vec<(u32, u32, u32, [f64; 4])> = Vec::new();
         let mut volumes: Vec<(u32, u32, f64, Hooke)> = Vec::new();
         for (t, nodes) in tetrahedra.iter().enumerate() {
             let Some((shape, material, number)) = of(t) else {
@@ -140,40 +145,65 @@ impl NodalAveraged {
             penalty: 0.0,
             group: Vec::new(),
             node: Vec::new(),
-            start: Vec::new(),
-            end: Vec::new(),
+            block: Vec::new(),
             column: Vec::new(),
             entry: Vec::new(),
             material: Vec::new(),
             number: Vec::new(),
-            room: Vec::new(),
+            count: Vec::new(),
+            place: Vec::new(),
             range: vec![[0; 2]; nodes as usize],
             around: Vec::new(),
         };
-        let points = pairs.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1));
-        let same = volumes.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1));
-        for (point, own) in points.zip(same) {
-            let volume: f64 = own.iter().map(|p| p.2).sum();
-            let p = made.add_point(own[0].0, volume, &own[0].3, own[0].1);
-            for entries in point.chunk_by(|a, b| a.2 == b.2) {
-                made.column.push(entries[0].2);
-                let sum = |axis: usize| entries.iter().map(|e| e.3.0[axis]).sum::<f64>();
-                made.entry.push(Entry([sum(0), sum(1), sum(2), sum(3)]));
+        let rows: Vec<_> = (pairs.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)))
+            .map(|point| {
+                let each = point.chunk_by(|a, b| a.2 == b.2).map(|entries| {
+                    let sum = |axis: usize| entries.iter().map(|e| e.3[axis]).sum::<f64>();
+                    (entries[0].2, [sum(0), sum(1), sum(2), sum(3)])
+                });
+                each.collect::<Vec<_>>()
+            })
+            .collect();
+        let points: Vec<_> = volumes.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).collect();
+        let mut order: Vec<usize> = (0..points.len()).collect();
+        for near in order.chunks_mut(NEAR) {
+            near.sort_by_key(|at| rows[*at].len());
+        }
+        made.place.resize(points.len(), 0);
+        for (at, point) in (0..).zip(&points) {
+            let range = &mut made.range[point[0].0 as usize];
+            range[0] = if range[1] == 0 { at } else { range[0] };
+            range[1] = at + 1;
+        }
+        for four in order.chunks(4) {
+            let longest = four.iter().map(|at| rows[*at].len()).max().unwrap_or(1);
+            for at in four {
+                let (node, number, _, material) = &points[*at][0];
+                let volume: f64 = points[*at].iter().map(|p| p.2).sum();
+                let p = made.add_point(*node, volume, material, *number, longest as u32);
+                made.place[*at] = p as u32;
+                made.count[p] = rows[*at].len() as u32;
+                for (at, (other, numbers)) in made.row(p).zip(&rows[*at]) {
+                    made.column[at / 4][at % 4] = *other;
+                    made.add(at, numbers);
+                }
             }
-            made.end[p] = made.column.len() as u32;
-            made.room[p] = made.end[p] - made.start[p];
         }
         made
     }
 
-    /// Its place; without entries.
-    fn add_point(&mut self, node: u32, volume: f64, material: &Hooke, number: u32) -> usize {
+    /// Its place; without entries. A new group gets room for so many.
+    fn add_point(
+        &mut self,
+        node: u32,
+        volume: f64,
+        material: &Hooke,
+        number: u32,
+        room: u32,
+    ) -> usize {
         let p = self.material.len();
-        let lane = p % 4;
+        let (g, lane) = (p / 4, p % 4);
         if lane == 0 {
-            self.node.extend([node; 4]);
-            self.start.extend([0; 4]);
-            self.end.extend([0; 4]);
             self.group.push(Group {
                 parameters: Default::default(),
                 volume: Default::default(),
@@ -182,20 +212,20 @@ impl NodalAveraged {
                 direction: Default::default(),
                 kappa: Default::default(),
             });
+            self.node.push([node; 4]);
+            let block = self.new_block(room, [node; 4]);
+            self.block.push(block);
         }
-        // What is left of the group is no point yet.
-        self.node[p..].fill(node);
-        self.start[p] = self.column.len() as u32;
-        self.end[p] = self.start[p];
+        // Places that are no point yet have nodes that there are.
+        self.node[g][lane..].fill(node);
+        let Block { start, room, .. } = self.block[g];
+        for column in &mut self.column[start as usize..][..room as usize] {
+            column[lane..].fill(node);
+        }
         self.material.push(*material);
         self.number.push(number);
-        self.room.push(0);
-        let range = &mut self.range[node as usize];
-        if range[1] == 0 {
-            range[0] = p as u32;
-        }
-        range[1] = p as u32 + 1;
-        let group = &mut self.group[p / 4];
+        self.count.push(0);
+        let group = &mut self.group[g];
         let [first, second] = parameters(self.law, material);
         group.parameters[0][lane] = first;
         group.parameters[1][lane] = second;
@@ -211,38 +241,78 @@ impl NodalAveraged {
         p
     }
 
-    /// Gives a vertex that a cut makes points as another has, with nothing in them yet.
-    pub(crate) fn open(&mut self, new: u32, from: u32) {
-        for p in self.points_of(from) {
-            let (material, number) = (self.material[p], self.number[p]);
-            self.add_point(new, 0.0, &material, number);
-        }
+    /// Behind all others, full of zeros for these nodes.
+    fn new_block(&mut self, room: u32, nodes: [u32; 4]) -> Block {
+        let start = self.column.len() as u32;
+        let end = start + room;
+        self.column.resize(end as usize, nodes);
+        self.entry.resize(end as usize, Entries::default());
+        Block { start, end, room }
     }
 
-    /// Room for so many vertices that cuts make, which have so many neighbours in all: none allocates. A row that
-    /// outgrows its place gets one of twice the size, so that four times what there ever was is enough.
+    /// Gives a vertex that a cut makes points as another has, with nothing in them yet.
+    pub(crate) fn open(&mut self, new: u32, from: u32) {
+        let first = self.place.len() as u32;
+        for at in self.points_of(from) {
+            let p = self.place[at] as usize;
+            let (material, number) = (self.material[p], self.number[p]);
+            let p = self.add_point(new, 0.0, &material, number, 1);
+            self.place.push(p as u32);
+        }
+        self.range[new as usize] = [first, self.place.len() as u32];
+    }
+
+    /// Room for so many vertices that cuts make, which have so many neighbours in all when they are made, themselves
+    /// among them: none allocates.
+    ///
+    /// An edge that a cut makes is among these neighbours, and gives an entry to the points of either end, `each` at
+    /// most. At worst each such entry makes a group of its own longer by one: the longest that groups ever are sum to no
+    /// more than the room that blocks have now and 2 `each` `neighbours`. A group of length w that outgrows its block
+    /// gets one of 2 w; that block was shorter than w, the one before it than w/2, and so on, which is less than 4 w.
+    /// So there never is more than four times that sum, of which what there is now need not be added.
     pub(crate) fn reserve(&mut self, vertices: usize, neighbours: usize) {
         let most = self.range.iter().map(|[from, to]| to - from).max();
         let each = most.unwrap_or(0) as usize;
         let points = each * vertices;
         self.group.reserve(points / 4 + 1);
+        self.node.reserve(points / 4 + 1);
+        self.block.reserve(points / 4 + 1);
         self.material.reserve(points);
         self.number.reserve(points);
-        self.room.reserve(points);
-        for places in [&mut self.node, &mut self.start, &mut self.end] {
-            places.reserve(points + 4);
-        }
+        self.count.reserve(points);
+        self.place.reserve(points);
         if vertices > 0 {
-            let entries = 3 * self.column.len() + 6 * each * neighbours;
+            let entries = 3 * self.column.len() + 8 * each * neighbours;
             self.column.reserve(entries);
             self.entry.reserve(entries);
         }
-        let longest = self.room.iter().max().copied().unwrap_or(0) as usize;
+        // Four corners a tetrahedron, of which a star has fewer than twice its vertices, as a sphere has triangles.
+        let longest = self.count.iter().max().copied().unwrap_or(0) as usize;
         self.around.reserve(16 * longest);
     }
 
-    fn row(&self, p: usize) -> std::ops::Range<usize> {
-        self.start[p] as usize..self.end[p] as usize
+    /// Places of a point's entries: four times that of [`Entries`], and the lane.
+    fn row(&self, p: usize) -> impl Iterator<Item = usize> + Clone + use<> {
+        let (first, count) = (self.block[p / 4].start as usize, self.count[p] as usize);
+        (first..first + count).map(move |at| 4 * at + p % 4)
+    }
+
+    fn numbers(&self, at: usize) -> [f64; 4] {
+        self.entry[at / 4].0.map(|row| row[at % 4])
+    }
+
+    fn add(&mut self, at: usize, numbers: &[f64; 4]) {
+        for (row, add) in self.entry[at / 4].0.iter_mut().zip(numbers) {
+            row[at % 4] += add;
+        }
+    }
+
+    fn neighbour(&self, at: usize) -> u32 {
+        self.column[at / 4][at % 4]
+    }
+
+    fn vertex(&self, p: usize) -> u32 {
+        self.node[p / 4][p % 4]
     }
 
     fn volume(&self, p: usize) -> f64 {
@@ -258,22 +328,22 @@ impl NodalAveraged {
     }
 
     fn d(&self, at: usize) -> Vec3 {
-        let [x, y, z, _] = self.entry[at].0;
+        let [x, y, z, _] = self.numbers(at);
         Vec3::new(x, y, z)
     }
 
     /// G_j, alone.
     fn gradient(&self, p: usize, u: &[Lane]) -> Matrix3<f64> {
-        let own = u[self.node[p] as usize].xyz();
+        let own = u[self.vertex(p) as usize].xyz();
         let mut sum = Matrix3::zeros();
         for at in self.row(p) {
-            let w = u[self.column[at] as usize].xyz() - own;
+            let w = u[self.neighbour(at) as usize].xyz() - own;
             sum += w * self.d(at).transpose();
         }
         sum / self.volume(p)
     }
 
-    /// Places p of points of a vertex.
+    /// Where the places of a vertex's points are in `place`.
     fn points_of(&self, node: u32) -> std::ops::Range<usize> {
         let [from, to] = self.range[node as usize];
         from as usize..to as usize
@@ -283,14 +353,15 @@ impl NodalAveraged {
     pub fn node_force(&self, i: usize, u: &[Lane]) -> Vec3 {
         let node = i as u32;
         let mut sum = Vec3::zeros();
-        let own = self.points_of(node);
-        for p in own.clone() {
+        let own = &self.place[self.points_of(node)];
+        for (before, p) in own.iter().enumerate() {
+            let p = *p as usize;
             for at in self.row(p) {
-                let other = self.column[at];
-                sum += (u[other as usize].xyz() - u[i].xyz()) * self.entry[at].0[3];
+                let other = self.neighbour(at);
+                sum += (u[other as usize].xyz() - u[i].xyz()) * self.numbers(at)[3];
                 // A neighbour in several materials counts once.
-                let seen = |before: usize| self.column[self.row(before)].contains(&other);
-                if !(own.start..p).any(seen) {
+                let has = |p: &u32| self.row(*p as usize).any(|at| self.neighbour(at) == other);
+                if !own[..before].iter().any(has) {
                     sum += self.pull_of(other, node, u);
                 }
             }
@@ -301,8 +372,9 @@ impl NodalAveraged {
     /// What the points of a vertex do to another.
     fn pull_of(&self, from: u32, node: u32, u: &[Lane]) -> Vec3 {
         let mut sum = Vec3::zeros();
-        for p in self.points_of(from) {
-            let at = self.row(p).find(|at| self.column[*at] == node);
+        for p in &self.place[self.points_of(from)] {
+            let p = *p as usize;
+            let at = self.row(p).find(|at| self.neighbour(*at) == node);
             if let Some(at) = at.filter(|_| self.volume(p) > 0.0) {
                 let g = self.gradient(p, u);
                 let f = Matrix3::identity() + g;
@@ -318,7 +390,8 @@ impl NodalAveraged {
     pub(crate) fn share(&self, node: u32, u: &[Lane], v: &[Lane]) -> (f64, f64) {
         let (mut energy, mut power) = (0.0, 0.0);
         let i = node as usize;
-        for p in self.points_of(node).filter(|p| self.volume(*p) > 0.0) {
+        let places = self.place[self.points_of(node)].iter().map(|p| *p as usize);
+        for p in places.filter(|p| self.volume(*p) > 0.0) {
             let (g, rate) = (self.gradient(p, u), self.gradient(p, v));
             let (volume, c) = (self.volume(p), self.hourglass(p));
             let f = Matrix3::identity() + g;
@@ -327,10 +400,10 @@ impl NodalAveraged {
             energy -= 0.5 * c * volume * g.norm_squared();
             power += volume * stress.component_mul(&rate).sum();
             for at in self.row(p) {
-                let k = self.column[at] as usize;
+                let k = self.neighbour(at) as usize;
                 let (w, apart) = (u[k].xyz() - u[i].xyz(), v[k].xyz() - v[i].xyz());
-                energy -= 0.25 * self.entry[at].0[3] * w.norm_squared();
-                power -= 0.5 * self.entry[at].0[3] * w.dot(&apart);
+                energy -= 0.25 * self.numbers(at)[3] * w.norm_squared();
+                power -= 0.5 * self.numbers(at)[3] * w.dot(&apart);
             }
         }
         (energy, power)
@@ -343,21 +416,18 @@ impl NodalAveraged {
         node: u32,
         star: impl Iterator<Item = (&'a [u32; 4], &'a Shape, u32)> + Clone,
     ) {
-        for p in self.points_of(node) {
+        for at in self.points_of(node) {
+            let p = self.place[at] as usize;
             let (material, number) = (self.material[p], self.number[p]);
             let star = star.clone().filter(|(.., own)| *own == number);
-            let row = self.renew_row(p, star.clone().flat_map(|(nodes, ..)| *nodes));
+            self.renew_row(p, star.clone().flat_map(|(nodes, ..)| *nodes));
             let mut volume = 0.0;
             for (nodes, shape, _) in star {
                 volume += shape.volume / 4.0;
                 let own = nodes.iter().position(|v| *v == node).unwrap_or(0);
                 for (k, other) in nodes.iter().enumerate() {
-                    let Some(at) = row.clone().find(|at| self.column[*at] == *other) else {
-                        continue;
-                    };
-                    let Entry(add) = entry(shape, &material, self.hourglass, own, k);
-                    for (sum, add) in self.entry[at].0.iter_mut().zip(add) {
-                        *sum += add;
+                    if let Some(at) = self.row(p).find(|at| self.neighbour(*at) == *other) {
+                        self.add(at, &entry(shape, &material, self.hourglass, own, k));
                     }
                 }
             }
@@ -368,29 +438,38 @@ impl NodalAveraged {
     }
 
     /// Gives a point these neighbours, itself among them, and entries of zero.
-    fn renew_row(
-        &mut self,
-        p: usize,
-        neighbours: impl Iterator<Item = u32>,
-    ) -> std::ops::Range<usize> {
-        let own = self.node[p];
+    fn renew_row(&mut self, p: usize, neighbours: impl Iterator<Item = u32>) {
+        let (own, g, lane) = (self.vertex(p), p / 4, p % 4);
         self.around.extend(neighbours);
         self.around.sort_unstable_by_key(|v| (*v != own, *v));
         self.around.dedup();
-        let count = self.around.len();
-        if count > self.room[p] as usize {
-            self.start[p] = self.column.len() as u32;
-            self.room[p] = 2 * count as u32;
-            let end = self.column.len() + 2 * count;
-            self.column.resize(end, own);
-            self.entry.resize(end, Entry::default());
+        self.count[p] = self.around.len() as u32;
+        // The kernel looks at one entry at least.
+        let all = self.count.chunks(4).nth(g).into_iter().flatten();
+        let longest = all.fold(1, |most, count| most.max(*count));
+        if longest > self.block[g].room {
+            self.move_block(g, 2 * longest);
         }
-        self.end[p] = self.start[p] + count as u32;
-        let row = self.row(p);
-        self.column[row.clone()].copy_from_slice(&self.around);
-        self.entry[row.clone()].fill(Entry::default());
+        let block = &mut self.block[g];
+        block.end = block.start + longest;
+        let (start, room) = (block.start as usize, block.room as usize);
+        for k in 0..room {
+            let neighbour = self.around.get(k).copied();
+            self.column[start + k][lane] = neighbour.unwrap_or(own);
+            let Entries(rows) = &mut self.entry[start + k];
+            rows.iter_mut().for_each(|row| row[lane] = 0.0);
+        }
         self.around.clear();
-        row
+    }
+
+    /// Gives a group room for so many entries, behind all others.
+    fn move_block(&mut self, g: usize, room: u32) {
+        let old = self.block[g];
+        let new = self.new_block(room, self.node[g]);
+        let from = old.start as usize..old.end as usize;
+        self.column.copy_within(from.clone(), new.start as usize);
+        self.entry.copy_within(from, new.start as usize);
+        self.block[g] = new;
     }
 
     /// Keeps the room that there is.
@@ -398,14 +477,53 @@ impl NodalAveraged {
         self.penalty = other.penalty;
         self.group.clone_from(&other.group);
         self.node.clone_from(&other.node);
-        self.start.clone_from(&other.start);
-        self.end.clone_from(&other.end);
+        self.block.clone_from(&other.block);
         self.column.clone_from(&other.column);
         self.entry.clone_from(&other.entry);
         self.material.clone_from(&other.material);
         self.number.clone_from(&other.number);
-        self.room.clone_from(&other.room);
+        self.count.clone_from(&other.count);
+        self.place.clone_from(&other.place);
         self.range.clone_from(&other.range);
+    }
+
+    /// V_j G_j and the hourglass force of four points.
+    #[inline(always)]
+    unsafe fn sums<V: Four>(&self, k: usize, u: &[Lane]) -> (Square<V>, Three<V>) {
+        // SAFETY: the caller's.
+        unsafe {
+            let zero = V::splat(0.0);
+            let own = V::gather(u, *self.node.get_unchecked(k));
+            let (mut g, mut pull) = ([[zero; 3]; 3], [zero; 3]);
+            // The first is the vertex itself.
+            let block = self.block.get_unchecked(k);
+            for at in block.start as usize + 1..block.end as usize {
+                let w = lanes::sub3(V::gather(u, *self.column.get_unchecked(at)), own);
+                // One number after the other, each with all of w: then there are registers for all the sums.
+                let Entries(entries) = self.entry.get_unchecked(at);
+                for axis in 0..3 {
+                    let d = V::load(&entries[axis]);
+                    g[0][axis] = w[0].mul_add(d, g[0][axis]);
+                    g[1][axis] = w[1].mul_add(d, g[1][axis]);
+                    g[2][axis] = w[2].mul_add(d, g[2][axis]);
+                }
+                let l = V::load(&entries[3]);
+                pull[0] = w[0].mul_add(l, pull[0]);
+                pull[1] = w[1].mul_add(l, pull[1]);
+                pull[2] = w[2].mul_add(l, pull[2]);
+            }
+            (g, pull)
+        }
+    }
+
+    /// Q_j D_jk of four points.
+    #[inline(always)]
+    unsafe fn force<V: Four>(&self, q: &Square<V>, at: usize) -> Three<V> {
+        // SAFETY: the caller's.
+        unsafe {
+            let Entries([x, y, z, _]) = self.entry.get_unchecked(at);
+            product(q, [V::load(x), V::load(y), V::load(z)])
+        }
     }
 
     /// Second derivatives of W \[N/m\]: parts (i, j, block) of the upper half.
@@ -414,7 +532,7 @@ impl NodalAveraged {
         for p in (0..self.material.len()).filter(|p| self.volume(*p) > 0.0) {
             let f = Matrix3::identity() + self.gradient(p, u);
             let (volume, c) = (self.volume(p), self.hourglass(p));
-            let own = self.node[p] as usize;
+            let own = self.vertex(p) as usize;
             for k in self.row(p) {
                 let d_k = self.d(k);
                 let change = |axis: usize| {
@@ -423,7 +541,7 @@ impl NodalAveraged {
                 };
                 let change = [0, 1, 2].map(change);
                 for j in self.row(p) {
-                    let (i, other) = (self.column[j] as usize, self.column[k] as usize);
+                    let (i, other) = (self.neighbour(j) as usize, self.neighbour(k) as usize);
                     if i > other {
                         continue;
                     }
@@ -434,8 +552,8 @@ impl NodalAveraged {
                     }
                     entries.push((i, other, block));
                 }
-                let half = Matrix3::identity() * (0.5 * self.entry[k].0[3]);
-                let other = self.column[k] as usize;
+                let half = Matrix3::identity() * (0.5 * self.numbers(k)[3]);
+                let other = self.neighbour(k) as usize;
                 if other != own {
                     entries.push((own, own, -half));
                     entries.push((other, other, -half));
@@ -451,8 +569,9 @@ impl NodalAveraged {
             + size_of_val(&self.entry[..])
             + size_of_val(&self.column[..])
             + size_of_val(&self.node[..])
-            + size_of_val(&self.start[..])
-            + size_of_val(&self.end[..])
+            + size_of_val(&self.block[..])
+            + size_of_val(&self.count[..])
+            + size_of_val(&self.place[..])
     }
 }
 
@@ -474,41 +593,29 @@ impl Kernel for NodalAveraged {
     ) -> (f64, Extent) {
         // SAFETY: the caller's; places are in range by construction.
         unsafe {
-            let zero = V::splat(0.0);
-            let (mut sum, mut variance) = (zero, zero);
+            if self.group.is_empty() {
+                return (0.0, Extent::default());
+            }
+            let half = V::splat(0.5);
+            let mut sum = V::splat(0.0);
             let mut reach = Reach::<V>::rest();
             let penalty = V::splat(self.penalty);
+            // Hourglass forces balance, so that their work, 1/2 sum_j u_j . force, may be counted from any displacement: from
+            // one of the tissue's own a shift takes no digits.
+            let Lane([x, y, z, _]) = *u.get_unchecked(self.node[0][0] as usize);
+            let origin = [V::splat(x), V::splat(y), V::splat(z)];
+            let mut ahead = self.sums(0, u);
             for (k, group) in self.group.iter().enumerate() {
-                // Rows of the transpose of G, a point each; the fourth axis is zero.
-                let mut columns = [[zero; 4]; 3];
-                for lane in 0..4 {
-                    let p = 4 * k + lane;
-                    let own = *self.node.get_unchecked(p) as usize;
-                    let u_j = V::load(&u.get_unchecked(own).0);
-                    let (mut x, mut y, mut z, mut hourglass) = (zero, zero, zero, zero);
-                    let end = *self.end.get_unchecked(p) as usize;
-                    for at in *self.start.get_unchecked(p) as usize..end {
-                        let other = *self.column.get_unchecked(at) as usize;
-                        let [d0, d1, d2, l] = self.entry.get_unchecked(at).0;
-                        let w = V::load(&u.get_unchecked(other).0).sub(u_j);
-                        x = w.mul_add(V::splat(d0), x);
-                        y = w.mul_add(V::splat(d1), y);
-                        z = w.mul_add(V::splat(d2), z);
-                        let pull = w.mul(V::splat(l));
-                        hourglass = hourglass.add(pull);
-                        variance = pull.mul_add(w, variance);
-                    }
-                    let inverse = V::splat(group.inverse[lane]);
-                    columns[0][lane] = x.mul(inverse);
-                    columns[1][lane] = y.mul(inverse);
-                    columns[2][lane] = z.mul(inverse);
-                    let force = &mut to.get_unchecked_mut(own).0;
-                    *force = V::load(force).add(hourglass).store();
-                }
-                let x = V::transpose(columns[0]);
-                let y = V::transpose(columns[1]);
-                let z = V::transpose(columns[2]);
-                let g: Square<V> = [[x[0], y[0], z[0]], [x[1], y[1], z[1]], [x[2], y[2], z[2]]];
+                let (g, pull) = ahead;
+                let own = V::gather(u, *self.node.get_unchecked(k));
+                let work = lanes::dot(lanes::sub3(own, origin), pull);
+                sum = half.mul_add(work, sum);
+                let inverse = V::load(&group.inverse);
+                let g: Square<V> = [
+                    scale(g[0], inverse),
+                    scale(g[1], inverse),
+                    scale(g[2], inverse),
+                ];
                 let point = Point::new(g);
                 let parameters = [V::load(&group.parameters[0]), V::load(&group.parameters[1])];
                 let (mut stress, mut energy) = R::respond(&point, parameters);
@@ -524,38 +631,146 @@ impl Kernel for NodalAveraged {
                 let square = lanes::dot(g[0], g[0])
                     .add(lanes::dot(g[1], g[1]))
                     .add(lanes::dot(g[2], g[2]));
-                let half = V::splat(-0.5).mul(c);
-                sum = half
-                    .mul_add(square, energy)
-                    .mul_add(V::load(&group.volume), sum);
-                let minus = zero.sub(c);
+                let less = half.mul(c).mul(square);
+                sum = energy.sub(less).mul_add(V::load(&group.volume), sum);
+                let minus = V::splat(0.0).sub(c);
                 let mut q = stress;
                 for row in 0..3 {
                     q[row][0] = minus.mul_add(g[row][0], stress[row][0]);
                     q[row][1] = minus.mul_add(g[row][1], stress[row][1]);
                     q[row][2] = minus.mul_add(g[row][2], stress[row][2]);
                 }
-                let x = V::transpose([q[0][0], q[1][0], q[2][0], zero]);
-                let y = V::transpose([q[0][1], q[1][1], q[2][1], zero]);
-                let z = V::transpose([q[0][2], q[1][2], q[2][2], zero]);
-                for lane in 0..4 {
-                    let p = 4 * k + lane;
-                    let end = *self.end.get_unchecked(p) as usize;
-                    for at in *self.start.get_unchecked(p) as usize..end {
-                        let other = *self.column.get_unchecked(at) as usize;
-                        let [d0, d1, d2, _] = self.entry.get_unchecked(at).0;
-                        let force = &mut to.get_unchecked_mut(other).0;
-                        let sum = x[lane].mul_add(V::splat(d0), V::load(force));
-                        let sum = y[lane].mul_add(V::splat(d1), sum);
-                        *force = z[lane].mul_add(V::splat(d2), sum).store();
-                    }
+                // The next points' sums fill the time that the forces wait for the law.
+                if k + 1 < self.group.len() {
+                    ahead = self.sums(k + 1, u);
+                }
+                let block = self.block.get_unchecked(k);
+                let (first, end) = (block.start as usize, block.end as usize);
+                let force = self.force(&q, first);
+                let force = [
+                    force[0].add(pull[0]),
+                    force[1].add(pull[1]),
+                    force[2].add(pull[2]),
+                ];
+                V::scatter(force, to, *self.column.get_unchecked(first));
+                for at in first + 1..end {
+                    V::scatter(self.force(&q, at), to, *self.column.get_unchecked(at));
                 }
             }
             let [a, b, c, d] = sum.store();
-            let [x, y, z, _] = variance.store();
-            // Each edge has been seen from both ends.
-            let energy = (a + b) + (c + d) - 0.25 * ((x + y) + z);
-            (energy, reach.extent())
+            ((a + b) + (c + d), reach.extent())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::element::Elements;
+    use crate::live::LiveMesh;
+    use crate::{prepared, scene};
+
+    fn averaged(live: &LiveMesh) -> &NodalAveraged {
+        match &live.elements {
+            Some(Elements::NodalAveraged(own, _)) => own,
+            _ => unreachable!(),
+        }
+    }
+
+    /// Summed after each cut or once after all, in the same places or not: the same to the bit. Nothing has allocated.
+    #[test]
+    fn rows_that_outgrow_their_places_are_as_good_as_fresh_ones() {
+        let text = r#"{"name": "block", "mesh": {"box": {"size": [0.05, 0.04, 0.03], "cells": [5, 4, 3]}},
+            "materials": [{"where": {"all": true}, "youngModulus": 6000, "poissonRatio": 0.45, "density": 1000},
+              {"where": {"box": {"min": [0, 0, 0], "max": [0.025, 0.025, 1]}},
+               "youngModulus": 20000, "poissonRatio": 0.3, "density": 1000}],
+            "fixed": [{"box": {"min": [0, 0, 0], "max": [0, 1, 1]}}],
+            "model": {"elasticity": "stVenantKirchhoff", "element": "nodalAveraged"},
+            "cutting": {"rule": "duplicate"}}"#;
+        let scene = scene::parse(text, "scene.json").unwrap();
+        let model = prepared::prepare(scene, Path::new("scene.json")).unwrap();
+        let whole = || LiveMesh::after(&model, &[], &[]);
+        let room = |live: &LiveMesh| {
+            let own = averaged(live);
+            let points = [
+                own.number.capacity(),
+                own.count.capacity(),
+                own.place.capacity(),
+            ];
+            let groups = [
+                own.group.capacity(),
+                own.node.capacity(),
+                own.block.capacity(),
+            ];
+            let entries = [
+                own.column.capacity(),
+                own.entry.capacity(),
+                own.around.capacity(),
+            ];
+            (points, groups, entries, own.material.capacity())
+        };
+        let mut live = whole();
+        let before = room(&live);
+        let blocks = averaged(&live).block.len();
+        let mut round = 0;
+        // Until there is no spare left.
+        'all: loop {
+            for t in 0..model.shape.len() as u32 {
+                let node = live.tetrahedra[t as usize][round % 4];
+                let star: Vec<u32> = live.star(&model, node).collect();
+                if t % 5 == 0 && live.alive[t as usize] {
+                    live.remove(&model, t);
+                } else if star.len() > 1 {
+                    let half = &star[..star.len() / 2];
+                    if live.split(&model, node, half).is_none() {
+                        break 'all;
+                    }
+                }
+                live.settle(&model);
+            }
+            round += 1;
+        }
+        live.settle(&model);
+        let at_once = LiveMesh::after(&model, &live.removed, &live.splits);
+        let (own, other) = (averaged(&live), averaged(&at_once));
+        assert!(own == other && before == room(&live) && before == room(&at_once));
+        let moved = |own: &NodalAveraged| {
+            let first = averaged(&whole()).column.len() as u32;
+            own.block[..blocks]
+                .iter()
+                .filter(|b| b.start >= first)
+                .count()
+        };
+        println!(
+            "{} of {blocks} groups moved, {} new, {} of {} entries used",
+            moved(own),
+            own.block.len() - blocks,
+            own.column.len(),
+            own.column.capacity()
+        );
+        assert!(moved(own) > 10 && moved(other) > 10 && own.block.len() > blocks + 5);
+        assert!(own.column.len() != other.column.len());
+        let u: Vec<Lane> = (0..live.rest.len())
+            .map(|i| [1.1, 1.7, 2.3].map(|n| 1e-3 * (n * i as f64).sin()))
+            .map(|[x, y, z]| Lane([x, y, z, 0.0]))
+            .collect();
+        let forces = |own: &NodalAveraged| {
+            let mut to = vec![Lane::default(); u.len()];
+            let (energy, _) = own.add_forces(&u, &mut to);
+            (energy, to)
+        };
+        assert!(forces(own) == forces(other));
+        let fresh = NodalAveraged::new(own.law, own.hourglass, &live.tetrahedra, |t| {
+            let law = &model.material(t).law;
+            live.alive[t].then(|| (&model.shape[t], law, model.material_number(t)))
+        });
+        let ((energy, own), (fresh_energy, fresh)) = (forces(own), forces(&fresh));
+        assert!((energy / fresh_energy - 1.0).abs() < 1e-13);
+        let most = own.iter().map(|f| f.xyz().norm()).fold(0.0, f64::max);
+        for (a, b) in own.iter().zip(&fresh) {
+            assert!((a.xyz() - b.xyz()).norm() < 1e-13 * most);
         }
     }
 }

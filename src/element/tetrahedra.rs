@@ -9,7 +9,7 @@ use nalgebra::Matrix3;
 
 use super::constant_strain::Shape;
 use super::kernel::{Kernel, parameters};
-use crate::lanes::{self, Four, Plain, Square, load3, product, sub3};
+use crate::lanes::{self, Four, Plain, Square, Three, load3, product, sub3};
 use crate::law::linear::Hooke;
 use crate::law::response::{Law, Point, Response};
 use crate::law::volume_penalty;
@@ -271,8 +271,22 @@ impl Kernel for Tetrahedra {
         unsafe {
             let mut sum = V::splat(0.0);
             let mut reach = Reach::<V>::rest();
+            let Some(first) = self.group.first() else {
+                return (0.0, Extent::default());
+            };
+            // A group is a long chain of steps that wait for each other. So the next one's differences are taken before it,
+            // and its forces are added beside the next one's steps.
+            let mut ahead = differences::<V>(u, &first.node);
+            let mut late = [[V::splat(0.0); 3]; 4];
             for (k, group) in self.group.iter().enumerate() {
-                let (point, a) = group.point::<V>(u);
+                if k > 0 {
+                    add_forces(&late, &self.group.get_unchecked(k - 1).node, to);
+                }
+                let d = ahead;
+                let next = (k + 1).min(self.group.len() - 1);
+                ahead = differences(u, &self.group.get_unchecked(next).node);
+                let a = group.gradients();
+                let point = Point::new(gradient(&d, &a));
                 let parameters = [V::load(&group.parameters[0]), V::load(&group.parameters[1])];
                 let (mut stress, mut energy) = R::respond(&point, parameters);
                 if EXTRA {
@@ -282,8 +296,13 @@ impl Kernel for Tetrahedra {
                 if !R::IS_LINEAR {
                     reach.include(&point);
                 }
-                group.add_forces(&stress, &a, to);
+                late = corner_forces(&stress, &a);
             }
+            add_forces(
+                &late,
+                &self.group.get_unchecked(self.group.len() - 1).node,
+                to,
+            );
             let [a, b, c, d] = sum.store();
             ((a + b) + (c + d), reach.extent())
         }
@@ -291,17 +310,26 @@ impl Kernel for Tetrahedra {
 }
 
 impl Group {
+    /// a_1, a_2, a_3.
+    #[inline(always)]
+    unsafe fn gradients<V: Four>(&self) -> Square<V> {
+        // SAFETY: the caller's.
+        unsafe {
+            [
+                load3(&self.gradient[0]),
+                load3(&self.gradient[1]),
+                load3(&self.gradient[2]),
+            ]
+        }
+    }
+
     /// Deformation, and a_1, a_2, a_3.
     #[inline(always)]
     pub unsafe fn point<V: Four>(&self, u: &[Lane]) -> (Point<V>, Square<V>) {
         // SAFETY: the caller's.
         unsafe {
-            let a: Square<V> = [
-                load3(&self.gradient[0]),
-                load3(&self.gradient[1]),
-                load3(&self.gradient[2]),
-            ];
-            (Point::new(gradient(u, &self.node, &a)), a)
+            let a = self.gradients();
+            (Point::new(gradient(&differences(u, &self.node), &a)), a)
         }
     }
 
@@ -309,40 +337,32 @@ impl Group {
     #[inline(always)]
     pub unsafe fn add_forces<V: Four>(&self, stress: &Square<V>, a: &Square<V>, to: &mut [Lane]) {
         // SAFETY: the caller's.
-        unsafe {
-            let force = [
-                product(stress, a[0]),
-                product(stress, a[1]),
-                product(stress, a[2]),
-            ];
-            let zero = [V::splat(0.0); 3];
-            let first = sub3(sub3(sub3(zero, force[0]), force[1]), force[2]);
-            V::scatter(first, to, self.node[0]);
-            V::scatter(force[0], to, self.node[1]);
-            V::scatter(force[1], to, self.node[2]);
-            V::scatter(force[2], to, self.node[3]);
-        }
+        unsafe { add_forces(&corner_forces(stress, a), &self.node, to) }
     }
 }
 
-/// G = sum_j (u_j - u_0) a_j^T of four tetrahedra.
+/// u_j - u_0 of four tetrahedra, j = 1, 2, 3.
 ///
 /// # Safety
-/// As [`Four`].
+/// As [`Four`]; so in all of these.
 #[inline(always)]
-pub(super) unsafe fn gradient<V: Four>(
-    u: &[Lane],
-    node: &[[u32; 4]; 4],
-    a: &Square<V>,
-) -> Square<V> {
+pub(super) unsafe fn differences<V: Four>(u: &[Lane], node: &[[u32; 4]; 4]) -> Square<V> {
     // SAFETY: the caller's.
     unsafe {
         let first = V::gather(u, node[0]);
-        let d = [
+        [
             sub3(V::gather(u, node[1]), first),
             sub3(V::gather(u, node[2]), first),
             sub3(V::gather(u, node[3]), first),
-        ];
+        ]
+    }
+}
+
+/// G = sum_j (u_j - u_0) a_j^T of such differences.
+#[inline(always)]
+pub(super) unsafe fn gradient<V: Four>(d: &Square<V>, a: &Square<V>) -> Square<V> {
+    // SAFETY: the caller's.
+    unsafe {
         let mut g = *a;
         for k in 0..3 {
             let (x, y, z) = (d[0][k], d[1][k], d[2][k]);
@@ -351,6 +371,33 @@ pub(super) unsafe fn gradient<V: Four>(
             g[k][2] = x.mul_add(a[0][2], y.mul_add(a[1][2], z.mul(a[2][2])));
         }
         g
+    }
+}
+
+/// V P a_j of the four corners, the first minus the sum of the others.
+#[inline(always)]
+pub(super) unsafe fn corner_forces<V: Four>(stress: &Square<V>, a: &Square<V>) -> [Three<V>; 4] {
+    // SAFETY: the caller's.
+    unsafe {
+        let others = [
+            product(stress, a[0]),
+            product(stress, a[1]),
+            product(stress, a[2]),
+        ];
+        let zero = [V::splat(0.0); 3];
+        let first = sub3(sub3(sub3(zero, others[0]), others[1]), others[2]);
+        [first, others[0], others[1], others[2]]
+    }
+}
+
+#[inline(always)]
+unsafe fn add_forces<V: Four>(force: &[Three<V>; 4], node: &[[u32; 4]; 4], to: &mut [Lane]) {
+    // SAFETY: the caller's.
+    unsafe {
+        V::scatter(force[0], to, node[0]);
+        V::scatter(force[1], to, node[1]);
+        V::scatter(force[2], to, node[2]);
+        V::scatter(force[3], to, node[3]);
     }
 }
 
