@@ -210,6 +210,10 @@ fn find_near(
         });
     };
     for face in &live.surface {
+        let uncut = &model.topology.faces[*face as usize].vertices;
+        if live.splits.is_empty() && !uncut.iter().all(|v| near[*v as usize]) {
+            continue;
+        }
         let nodes = live.triangle(model, *face);
         if !nodes.iter().all(|v| near[*v as usize]) {
             continue;
@@ -224,17 +228,33 @@ fn find_near(
         if (nearest - middle).norm() > reach + size || (nearest - middle).dot(&normal) <= 0.0 {
             continue;
         }
+        let away = |x: &Vec3| (x - capsule.on_axis(x)).norm();
+        let above = |x: &Vec3| (x - middle).dot(&normal).abs() <= reach * normal.norm();
         let mut sorted = nodes;
         sorted.sort_unstable();
-        add(2 * c, sorted);
-        if capsule.tip != capsule.end {
+        if above(&capsule.tip) {
+            add(2 * c, sorted);
+        }
+        if capsule.tip != capsule.end && above(&capsule.end) {
             add(2 * c + 1, sorted);
         }
+        let at = sorted.map(|v| live.rest[v as usize] + displacement[v as usize].xyz());
+        let distance = at.map(|x| away(&x));
         for (a, b) in [(0, 1), (1, 2), (0, 2)] {
-            add(2 * c, [sorted[a], sorted[b], sorted[b]]);
+            let between = capsule
+                .nearest_on_edge(&at[a], &at[b])
+                .map(|(share, on_axis)| {
+                    let place = at[a] + (at[b] - at[a]) * share;
+                    (place - on_axis).norm()
+                });
+            if between.unwrap_or(distance[a].min(distance[b])) <= reach {
+                add(2 * c, [sorted[a], sorted[b], sorted[b]]);
+            }
         }
-        for v in sorted {
-            add(2 * c, [v; 3]);
+        for (v, distance) in sorted.into_iter().zip(distance) {
+            if distance <= reach {
+                add(2 * c, [v; 3]);
+            }
         }
     }
 }
