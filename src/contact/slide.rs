@@ -88,7 +88,7 @@ pub struct Scratch {
     shape: Vec<Capsule>,
     /// A node each: whether it may be in reach.
     near: Vec<bool>,
-    /// A node each, of old where nothing touches: velocities as the sweep has left them, or those of [`reaction`].
+    /// A node each, of old where nothing touches: velocities as the sweep has left them, or accelerations.
     swept: Vec<Lane>,
 }
 
