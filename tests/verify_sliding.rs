@@ -268,6 +268,53 @@ fn a_grip_slips() {
     }
 }
 
+/// Two jaws, 20 mm apart, hold the tissue at both of them and nothing between; pressed down, both slide on it.
+#[test]
+fn jaws_are_a_compound() {
+    let jaw = |x: f64| {
+        format!(
+            r#"{{"shape": {{"capsule": {{"radius": 0.003, "length": 0.05}}}}, "position": [{x}, 0, 0], "orientation": [0, 1, 0, 0]}}"#
+        )
+    };
+    let scene = |kind: &str, friction: &str| {
+        format!(
+            r#"{{"name": "block", "mesh": {{"box": {{"size": [0.06, 0.06, 0.03], "cells": [10, 10, 5]}}}},
+  "materials": [{{"where": {{"all": true}}, "youngModulus": 6000, "poissonRatio": 0.45, "density": 1000}}],
+  "fixed": [{{"box": {{"min": [0, 0, 0], "max": [1, 1, 0]}}}}], "gravity": [0, 0, 0],
+  "tools": [{{"name": "jaws", "kind": "{kind}", "shape": {{"compound": [{}, {}]}}, "friction": {friction},
+    "activeLength": 0.002, "position": [0.03, 0.03, 0.0325]}}]}}"#,
+            jaw(-0.01),
+            jaw(0.01)
+        )
+    };
+    let mut s = common::simulation(&scene("grasper", r#""stick""#));
+    s.set_active(0, true);
+    s.step(1e-3).unwrap();
+    let sides = |s: &Simulation, nodes: &mut dyn Iterator<Item = u32>| {
+        let x = |v: u32| s.model().mesh.nodes[v as usize].x;
+        nodes.fold([0; 3], |mut count, v| {
+            count[if x(v) < 0.029 {
+                0
+            } else {
+                1 + usize::from(x(v) > 0.031)
+            }] += 1;
+            count
+        })
+    };
+    let [left, middle, right] = sides(&s, &mut s.state().held.iter().map(|h| h.node));
+    println!("{left} held on the left, {middle} between, {right} on the right");
+    assert!(left > 2 && right > 2 && middle == 0);
+    let mut s = common::simulation(&scene("probe", "0.2").replace("0.0325]", "0.034]"));
+    for k in 0..300 {
+        s.set_pose_input(0, 2, 0.034 - 0.004 * f64::from(k + 1) / 300.0);
+        s.step(1e-3).unwrap();
+    }
+    let force = s.tool(0).force;
+    let [left, _, right] = sides(&s, &mut touching(&s).map(|c| c.nodes[0]));
+    println!("{force:?}, {left} and {right} touch");
+    assert!(left > 0 && right > 0 && force.z > 0.02 && force.xy().norm() < 0.3 * force.z);
+}
+
 /// A loose block that is pushed along takes up the tool's impulse, whatever rubs.
 #[test]
 fn a_loose_block_takes_up_the_impulse() {

@@ -91,3 +91,56 @@ fn add(shape: &Shape, at: &Pose, to: &mut Vec<Capsule>) {
         radius,
     });
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A ball, and a rod of 0.2 m in a compound of its own, turned to point along y.
+    #[test]
+    fn parts_are_placed_in_each_other() {
+        let turn = std::f64::consts::FRAC_1_SQRT_2;
+        let rod = Part {
+            shape: Shape::Capsule {
+                radius: 0.01,
+                length: 0.2,
+            },
+            position: [0.0, 0.0, 0.1],
+            orientation: [2.0 * turn, 2.0 * turn, 0.0, 0.0],
+        };
+        let nested = Part {
+            shape: Shape::Compound(vec![rod]),
+            position: [0.0, 0.0, 0.4],
+            orientation: [1.0, 0.0, 0.0, 0.0],
+        };
+        let ball = Part {
+            shape: Shape::Sphere { radius: 0.03 },
+            position: [0.5, 0.0, 0.0],
+            orientation: [1.0, 0.0, 0.0, 0.0],
+        };
+        let tool = scene::Tool {
+            name: "hook".into(),
+            kind: scene::ToolKind::Grasper,
+            shape: Shape::Compound(vec![ball, nested]),
+            active_length: Some(0.05),
+            friction: scene::Friction::Stick,
+            slip_force: None,
+            position: [0.0; 3],
+            orientation: [1.0, 0.0, 0.0, 0.0],
+        };
+        let shape = ToolShape::new(&tool);
+        let frame = Pose {
+            position: Vec3::new(0.0, 1.0, 0.0),
+            orientation: UnitQuaternion::identity(),
+        };
+        let whole: Vec<Capsule> = shape.at(&frame).collect();
+        let near = |a: Vec3, b: [f64; 3]| (a - Vec3::from(b)).norm() < 1e-15;
+        assert_eq!((whole.len(), shape.capsules()), (2, 2));
+        assert!(near(whole[0].tip, [0.5, 1.0, 0.0]) && whole[0].tip == whole[0].end);
+        assert!(near(whole[1].tip, [0.0, 1.0, 0.5]) && near(whole[1].end, [0.0, 1.2, 0.5]));
+        let active: Vec<Capsule> = shape.active_at(&frame).collect();
+        assert!(near(active[1].end, [0.0, 1.05, 0.5]) && active[0] == whole[0]);
+        assert!((shape.least_radius() - 0.01).abs() < 1e-15);
+        assert!((shape.grip() - 0.07).abs() < 1e-15);
+    }
+}
