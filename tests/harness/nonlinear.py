@@ -233,7 +233,7 @@ class Tangent:
 
     def __init__(self, body, free):
         self.plan = Plan(body.points, body.graph, free)
-        self.factor = None
+        self.factor, self.share = None, 0.0
 
     def solve(self, matrix, right, stiffer):
         """matrix^-1 right on the free degrees of freedom, n x 3; zero elsewhere.
@@ -246,7 +246,7 @@ class Tangent:
         return x.reshape(-1, 3)
 
     def _solve(self, matrix, right, stiffer):
-        if self.factor is not None:
+        if self.factor is not None and not self.share:
             scaled = LinearOperator(matrix.shape, self.factor.solve, dtype=float)
             x, missed = cg(matrix, right, rtol=1e-5, maxiter=15, M=scaled)
             if not missed:
@@ -256,13 +256,16 @@ class Tangent:
         return self.factor.solve(right)
 
     def _definite(self, matrix, stiffer):
+        """The factor with the smallest share that does; a quarter of the last one is tried first."""
+        less = self.share / 4 if self.share > 0.02 else 0.0
         dofs = self.plan.dofs
-        for share in (0.3, 1, None):
+        for self.share in sorted({less, self.share or 0.3, 1.0}):
+            if self.share:
+                matrix = stiffer(self.share)[dofs][:, dofs]
             try:
                 return self.plan.factor(matrix)
             except np.linalg.LinAlgError:
-                if share is not None:
-                    matrix = stiffer(share)[dofs][:, dofs]
+                continue
         raise NoEquilibrium("the stiffness is not positive definite")
 
 
@@ -297,13 +300,13 @@ class Statics:
             right = right - (matrix @ jump.ravel()).reshape(-1, 3)
         return self.tangent.solve(matrix, right, lambda share: self.body.stiffness(u, share))
 
-    def equilibrium(self, u, load):
+    def equilibrium(self, u, load, most=30):
         """Displacement under `load` and the relative residual, from the displacement under less."""
         jump = np.where(self.held, load * self.value - u, 0)
         u = u + jump + self.direction(u, self.lack(u, load)[0], jump)
         if self.body.volume_ratio(u) <= self.floor:
             raise NoEquilibrium("the first step inverts a tetrahedron")
-        for _ in range(30):
+        for _ in range(most):
             lack, relative = self.lack(u, load)
             if relative <= self.tolerance:
                 return u, relative
@@ -313,7 +316,7 @@ class Statics:
     def attempt(self, u):
         """The same under the whole load, or None."""
         try:
-            return self.equilibrium(u, 1.0)
+            return self.equilibrium(u, 1.0, 200)
         except NoEquilibrium:
             return None
 
