@@ -324,19 +324,18 @@ impl Coupling {
 
     /// lambda on a node inside, counted from the first such \[N\].
     pub fn pressure_on(&self, node: usize) -> Vec3 {
-        let mut sum = Vec3::zeros();
-        for (dof, value) in self.held.iter().zip(&self.pressure) {
-            if *dof as usize / 3 == node {
-                sum[*dof as usize % 3] = *value;
-            }
-        }
-        sum
+        self.of_node(node, &self.pressure)
     }
 
     /// G lambda on such a node \[m\].
     pub fn gap_on(&self, node: usize) -> Vec3 {
+        self.of_node(node, &self.gap)
+    }
+
+    /// A node's part of what held degrees of freedom have.
+    fn of_node(&self, node: usize, values: &[f64]) -> Vec3 {
         let mut sum = Vec3::zeros();
-        for (dof, value) in self.held.iter().zip(&self.gap) {
+        for (dof, value) in self.held.iter().zip(values) {
             if *dof as usize / 3 == node {
                 sum[*dof as usize % 3] = *value;
             }

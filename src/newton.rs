@@ -43,36 +43,21 @@ struct At {
 }
 
 /// All that is alive, what is pre-computed by the linear law.
-#[derive(Clone, Copy)]
 struct Tissue<'a> {
     model: &'a Model,
     live: &'a LiveMesh,
     /// The pre-computed part, where vertices have points.
-    inside: Option<&'a Elements>,
+    inside: Option<Elements>,
 }
 
 /// dW/du \[N\].
 pub fn internal_forces(model: &Model, live: &LiveMesh, u: &[Vec3]) -> Vec<Vec3> {
-    let inside = model.elements_inside();
-    let inside = inside.as_ref();
-    let tissue = Tissue {
-        model,
-        live,
-        inside,
-    };
-    tissue.evaluate(u).internal
+    Tissue::new(model, live).evaluate(u).internal
 }
 
 /// d²W/du² \[N/m\] at rest in parts, each pair once.
 pub fn tangent_at_rest(model: &Model, live: &LiveMesh) -> Vec<(usize, usize, Matrix3<f64>)> {
-    let inside = model.elements_inside();
-    let inside = inside.as_ref();
-    let tissue = Tissue {
-        model,
-        live,
-        inside,
-    };
-    tissue.tangent(&vec![Vec3::zeros(); model.mesh.nodes.len()])
+    Tissue::new(model, live).tangent(&vec![Vec3::zeros(); model.mesh.nodes.len()])
 }
 
 /// d²W/du² \[N/m\] at displacements u \[m\], a node of the mesh each; what is pre-computed is linear.
@@ -80,14 +65,7 @@ pub fn tangent(model: &Model, live: &LiveMesh, u: &[Vec3]) -> Vec<(usize, usize,
     if let Some(springs) = &live.springs {
         return springs.tangent(live.pattern(model), &lanes(u));
     }
-    let inside = model.elements_inside();
-    let inside = inside.as_ref();
-    let tissue = Tissue {
-        model,
-        live,
-        inside,
-    };
-    tissue.tangent(u)
+    Tissue::new(model, live).tangent(u)
 }
 
 fn law_of(model: &Model, t: usize) -> Option<Law> {
@@ -95,13 +73,21 @@ fn law_of(model: &Model, t: usize) -> Option<Law> {
     uniform.filter(|_| model.parts.dynamic[t])
 }
 
-impl Tissue<'_> {
+impl<'a> Tissue<'a> {
+    fn new(model: &'a Model, live: &'a LiveMesh) -> Tissue<'a> {
+        Tissue {
+            model,
+            live,
+            inside: model.elements_inside(),
+        }
+    }
+
     /// Elements of which no tetrahedron stands alone: the dynamic ones, and the others.
     fn with_points(&self) -> [Option<&Elements>; 2] {
         let alone = |e: &&Elements| matches!(e, Elements::ConstantStrain(_));
         [
             self.live.elements.as_ref().filter(|e| !alone(e)),
-            self.inside,
+            self.inside.as_ref(),
         ]
     }
     fn evaluate(&self, u: &[Vec3]) -> At {
@@ -220,13 +206,8 @@ pub fn solve(
     if (live.blend.as_ref()).is_some_and(|blend| blend.rule == Adaptive::PerVertex) {
         return Err(StaticsError::NoEnergy);
     }
-    let inside = model.elements_inside();
     let problem = Problem {
-        tissue: Tissue {
-            model,
-            live,
-            inside: inside.as_ref(),
-        },
+        tissue: Tissue::new(model, live),
         free,
         held,
         external,
