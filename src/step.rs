@@ -1,7 +1,6 @@
 //! One communication step: n equal substeps, contact, cutting and tearing at haptic ticks.
 
 use crate::contact::burn;
-use crate::contact::geometry::Capsule;
 use crate::contact::hold::{self, Held};
 use crate::contact::slide;
 use crate::couple::Before;
@@ -42,6 +41,9 @@ const FRAME_SHARE: f64 = 1e-4;
 const SPRINGS_OFF: f64 = 0.01;
 /// Energies below this \[J\] are not compared.
 const RESIDUAL_FLOOR: f64 = 1e-9;
+/// Way of a tool, in radii, after which it is looked at again what it touches, though no haptic tick is due; and that a
+/// substep may take it along near tissue.
+const GLANCE: f64 = 0.05;
 /// Substeps one communication step may need; more is a host's slip (a step of hours).
 const MOST_SUBSTEPS: f64 = 1e9;
 
@@ -83,6 +85,8 @@ pub struct Workspace {
     pub(crate) cut: cut::Scratch,
     burn: burn::Scratch,
     paths: Vec<Path>,
+    /// Way of each tool in a substep, in its radius.
+    haste: Vec<f64>,
     /// Where tools were at the start of the substep.
     pub(crate) from: Vec<Pose>,
     pub(crate) slide: slide::Scratch,
@@ -131,6 +135,7 @@ impl Workspace {
             cut: cut::Scratch::new(model),
             burn: burn::Scratch::new(model),
             paths: Vec::with_capacity(tools),
+            haste: Vec::with_capacity(tools),
             from: Vec::with_capacity(tools),
             slide: slide::Scratch::new(model),
             borne: vec![Vec3::zeros(); tools],
@@ -207,7 +212,29 @@ pub(crate) fn foreseen(model: &Model, state: &State, length: f64) -> Result<u32,
     if foreseen > f64::from(RETRIES) {
         return Err(StepError::Unstable(substep, critical));
     }
-    Ok(foreseen as u32)
+    let haste = (0..state.tools.len()).map(|k| haste_near(model, state, k, length));
+    let hasty = (haste.fold(0.0, f64::max) * substep / (GLANCE * length)).log2();
+    Ok(foreseen.max(hasty.ceil().min(f64::from(RETRIES))) as u32)
+}
+
+/// Way in radii that tool `k` goes in a step, if that takes it past tissue.
+fn haste_near(model: &Model, state: &State, k: usize, length: f64) -> f64 {
+    let tool = &state.tools[k];
+    let path = Path::new(&tool.pose, &tool.input, &tool.lines, 1, length);
+    let Some(path) = path.filter(|_| model.scene.tools[k].kind != ToolKind::Grasper) else {
+        return 0.0;
+    };
+    let shape = &model.tools[k];
+    let way = shape.way(&tool.pose, &path.at(1)) / shape.least_radius();
+    if way * state.nominal_substep <= GLANCE * length {
+        return 0.0;
+    }
+    let (low, high) = shape.bounds(&tool.pose, &path.at(1));
+    let is_near = (0..model.parts.known).any(|i| {
+        let x = state.live.rest[i] + state.displacement[i].xyz();
+        (0..3).all(|axis| low[axis] <= x[axis] && x[axis] <= high[axis])
+    });
+    if is_near { way } else { 0.0 }
 }
 
 /// Number and length \[s\] of the substeps of a step after so many halvings.
@@ -256,6 +283,12 @@ pub fn advance(
         let path = Path::new(&tool.pose, &tool.input, &tool.lines, n, h);
         work.paths.push(path.ok_or(StepError::Orientation(k + 1))?);
     }
+    work.haste.clear();
+    for (k, path) in work.paths.iter().enumerate() {
+        let shape = &model.tools[k];
+        let way = shape.way(&state.tools[k].pose, &path.at(1));
+        work.haste.push(way / shape.least_radius());
+    }
     work.impulse.fill(Vec3::zeros());
     state.tools.iter_mut().for_each(|tool| tool.slips = false);
     let period = (1.0 + 1e-6) / model.scene.integration.haptic_rate;
@@ -288,28 +321,12 @@ pub fn advance(
         if tick && work.frozen {
             state.since_haptic = 0.0;
         } else if tick {
-            let State {
-                coupling,
-                velocity,
-                held,
-                since_haptic,
-                ..
-            } = state;
-            if since_haptic.is_finite() {
-                coupling.drifts(model, velocity, held, *since_haptic);
-            }
-            let elapsed = std::mem::take(since_haptic);
+            drift(model, state);
+            let elapsed = std::mem::take(&mut state.since_haptic);
             for tool in 0..state.tools.len() {
-                look(model, state, tool);
-                work.before.remember(model, &state.coupling);
-                measure_held(model, state, &mut work.loose);
-                while hold::update(model, state, tool, &work.loose, &mut work.touched) {
-                    regrip(model, state, work, tool);
-                    look(model, state, tool);
-                    work.before.remember(model, &state.coupling);
-                }
-                regrip(model, state, work, tool);
-                let way = way(model, state, &work.paths[tool], tool, k, period);
+                feel(model, state, work, tool);
+                let substeps = (period / h).ceil().max(1.0);
+                let way = substeps * work.haste[tool] * model.tools[tool].least_radius();
                 slide::find(model, state, tool, way, &mut work.slide);
                 let burns = model.scene.tools[tool].kind == ToolKind::Cautery;
                 if !(burns && state.tools[tool].active) {
@@ -333,6 +350,16 @@ pub fn advance(
                 &mut work.cut,
                 &mut work.loose,
             );
+        } else if !work.frozen {
+            let glances = |haste: f64, since: f64| (haste * since / (h * GLANCE)).floor();
+            let (last, now) = (state.since_haptic - h, state.since_haptic);
+            for tool in 0..state.tools.len() {
+                let haste = work.haste[tool];
+                if sticks(model, tool) && glances(haste, now) > glances(haste, last) {
+                    drift(model, state);
+                    feel(model, state, work, tool);
+                }
+            }
         }
         work.from.clear();
         for (tool, path) in state.tools.iter_mut().zip(&work.paths) {
@@ -371,14 +398,31 @@ pub fn advance(
     Ok(())
 }
 
-/// How far any point of tool `tool` moves until the next haptic tick, going on as in substep `k` \[m\].
-fn way(model: &Model, state: &State, path: &Path, tool: usize, k: u64, period: f64) -> f64 {
-    let (now, next) = (&state.tools[tool].pose, path.at(k + 1));
-    let shape = &model.tools[tool];
-    let ends = shape.at(now).zip(shape.at(&next));
-    let moved = |(a, b): (Capsule, Capsule)| (b.tip - a.tip).norm().max((b.end - a.end).norm());
-    let substeps = (period / state.clock.substep).ceil().max(1.0);
-    substeps * ends.map(moved).fold(0.0, f64::max)
+/// Whether tissue sticks to what tool `k` pushes against.
+fn sticks(model: &Model, k: usize) -> bool {
+    let grasps = model.scene.tools[k].kind == ToolKind::Grasper;
+    !grasps && slide::coefficient(model, k).is_none()
+}
+
+/// What moves the pre-computed part has moved since the last haptic tick, at least.
+fn drift(model: &Model, state: &mut State) {
+    let seconds = state.since_haptic;
+    if seconds.is_finite() {
+        (state.coupling).drifts(model, &state.velocity, &state.held, seconds);
+    }
+}
+
+/// What tool `tool` touches and holds, as of now.
+fn feel(model: &Model, state: &mut State, work: &mut Workspace, tool: usize) {
+    look(model, state, tool);
+    work.before.remember(model, &state.coupling);
+    measure_held(model, state, &mut work.loose);
+    while hold::update(model, state, tool, &work.loose, &mut work.touched) {
+        regrip(model, state, work, tool);
+        look(model, state, tool);
+        work.before.remember(model, &state.coupling);
+    }
+    regrip(model, state, work, tool);
 }
 
 /// A new substep length, from the present time on.

@@ -54,6 +54,22 @@ impl ToolShape {
         self.whole.len()
     }
 
+    /// How far any point of an axis moves between two poses \[m\].
+    pub fn way(&self, from: &Pose, to: &Pose) -> f64 {
+        let moved = |c: &Capsule| {
+            let (a, b) = (c.placed(from), c.placed(to));
+            (b.tip - a.tip).norm().max((b.end - a.end).norm())
+        };
+        self.whole.iter().map(moved).fold(0.0, f64::max)
+    }
+
+    /// Lowest and highest corner of a box that holds it at two poses.
+    pub fn bounds(&self, from: &Pose, to: &Pose) -> (Vec3, Vec3) {
+        let boxes = self.at(from).chain(self.at(to)).map(|c| c.bounds(0.0));
+        let start = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
+        boxes.fold(start, |a, b| (a.0.inf(&b.0), a.1.sup(&b.1)))
+    }
+
     /// Of the thinnest capsule \[m\].
     pub fn least_radius(&self) -> f64 {
         self.whole
