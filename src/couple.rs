@@ -9,6 +9,7 @@
 //! Its potential is quadratic in (u_c, u_t, a), so the trapezoid closes the energy account to round-off.
 
 use crate::contact::hold::Held;
+use crate::contact::press::Pressed;
 use crate::mesh::Vec3;
 use crate::model::Model;
 use crate::model::dense::{Packed, add_scaled, dot};
@@ -108,6 +109,11 @@ pub struct Coupling {
     /// touchable node was last brought up to date.
     pub drift: f64,
     pub seen: Vec<f64>,
+    /// What slides on it, and f . G f of those forces \[N m\].
+    pub pressed: Vec<Pressed>,
+    pub yielded: f64,
+    /// G_h f \[m\].
+    given: Vec<f64>,
     /// Nothing drives the part, amplitudes being zero and staying so: a trial of [`crate::haptics`].
     is_still: bool,
 }
@@ -139,6 +145,8 @@ impl Coupling {
         self.gap.reserve(ROOM);
         self.pressure.reserve(ROOM);
         self.held.reserve(ROOM);
+        self.given.reserve(ROOM);
+        self.pressed.reserve(ROOM / 3);
     }
 
     /// Keeps the room that there is.
@@ -154,6 +162,9 @@ impl Coupling {
         self.drift = other.drift;
         self.seen.clone_from(&other.seen);
         self.is_still = other.is_still;
+        self.pressed.clone_from(&other.pressed);
+        self.yielded = other.yielded;
+        self.given.clone_from(&other.given);
     }
 
     /// From here on nothing drives the part.
@@ -220,12 +231,87 @@ impl Coupling {
         }
         self.gap.resize(count, 0.0);
         self.pressure.resize(count, 0.0);
+        self.given.resize(count, 0.0);
         true
+    }
+
+    /// Held degrees of freedom.
+    pub(crate) fn held_inside(&self) -> &[u32] {
+        &self.held
+    }
+
+    /// Of what is held: G_hh^-1 x in place of x.
+    pub(crate) fn yield_to(&self, x: &mut [f64]) {
+        self.factor.solve(x);
+    }
+
+    /// Everything at the present displacements, nothing sliding on the part any more.
+    pub(crate) fn leave(&mut self, model: &Model, displacement: &[Lane]) {
+        self.pressed.clear();
+        self.yielded = 0.0;
+        self.answer(model, displacement, true);
+    }
+
+    /// After [`Coupling::leave`]: what slides on it now, f . C f being given \[N m\].
+    pub(crate) fn press(
+        &mut self,
+        model: &Model,
+        pressed: impl Iterator<Item = Pressed>,
+        work: f64,
+    ) {
+        self.pressed.extend(pressed);
+        let more = self.add_pressed(model);
+        self.yielded = work + more;
+    }
+
+    /// Superposes the forces of what slides. Returns G_h f . G_hh^-1 G_h f \[N m\].
+    fn add_pressed(&mut self, model: &Model) -> f64 {
+        self.given.fill(0.0);
+        let Some(part) = model
+            .precomputed
+            .as_ref()
+            .filter(|_| !self.pressed.is_empty())
+        else {
+            return 0.0;
+        };
+        for pressed in &self.pressed {
+            for (node, b) in pressed.nodes.iter().zip(pressed.weight) {
+                for axis in (0..3).filter(|a| b * pressed.force[*a] != 0.0) {
+                    let f = b * pressed.force[axis];
+                    let dof = 3 * (*node as usize - model.parts.moving) + axis;
+                    add_scaled(&mut self.force, f, part.influence(dof));
+                    let column = part.compliance(dof);
+                    for (given, held) in self.given.iter_mut().zip(&self.held) {
+                        *given += f * column[*held as usize];
+                    }
+                }
+            }
+        }
+        if self.held.is_empty() {
+            return 0.0;
+        }
+        let before = dot(&self.pressure, &self.given);
+        self.add_held(part, -1.0);
+        for ((pressure, gap), given) in (self.pressure.iter_mut().zip(&self.gap)).zip(&self.given) {
+            *pressure = gap - given;
+        }
+        self.factor.solve(&mut self.pressure);
+        self.add_held(part, 1.0);
+        before - dot(&self.pressure, &self.given)
+    }
+
+    /// Phi_h^T lambda.
+    fn add_held(&mut self, part: &Precomputed, sign: f64) {
+        for (dof, pressure) in self.held.iter().zip(&self.pressure) {
+            let influence = part.influence(*dof as usize);
+            add_scaled(&mut self.force, sign * pressure, influence);
+        }
     }
 
     /// Everything at the present displacements.
     pub fn solve(&mut self, model: &Model, displacement: &[Lane]) {
         self.answer(model, displacement, true);
+        self.add_pressed(model);
     }
 
     /// Only the answer to displacements of the connection nodes, what is held inside staying where it is
@@ -264,10 +350,7 @@ impl Coupling {
         }
         self.pressure.copy_from_slice(&self.gap);
         self.factor.solve(&mut self.pressure);
-        for row in 0..self.held.len() {
-            let dof = self.held[row] as usize;
-            add_scaled(&mut self.force, self.pressure[row], part.influence(dof));
-        }
+        self.add_held(part, 1.0);
     }
 
     /// sum_k a_k w_k at a degree of freedom inside; only of forces where not `all`.
@@ -291,7 +374,9 @@ impl Coupling {
         let size = 3 * part.connection;
         let moved = &self.moved[..size];
         let mut stored = Stored {
-            elastic: 0.5 * dot(moved, &self.elastic[..size]) + 0.5 * dot(&self.pressure, &self.gap),
+            elastic: 0.5 * dot(moved, &self.elastic[..size])
+                + 0.5 * dot(&self.pressure, &self.gap)
+                + 0.5 * (self.yielded + dot(&self.pressure, &self.given)),
             ..Stored::default()
         };
         for (k, a) in self.amplitude.iter().enumerate() {
@@ -299,9 +384,11 @@ impl Coupling {
                 continue;
             }
             let pushed = dot(part.push(k), moved);
-            let pressed: f64 = (self.held.iter().zip(&self.pressure))
+            let held = self.held.iter().zip(&self.pressure);
+            let pressed: f64 = held
                 .map(|(dof, p)| p * part.field(k)[*dof as usize])
-                .sum();
+                .sum::<f64>()
+                + self.pressed_along(model, part.field(k));
             let (mut own, mut given) = (0.0, 0.0);
             for (l, b) in self.amplitude.iter().enumerate() {
                 own += b * part.stored(k, l);
@@ -320,6 +407,18 @@ impl Coupling {
             }
         }
         stored
+    }
+
+    /// f . w of what slides.
+    fn pressed_along(&self, model: &Model, field: &[f64]) -> f64 {
+        let along = |p: &Pressed| -> f64 {
+            let each = p.nodes.iter().zip(p.weight).map(|(node, b)| {
+                let first = 3 * (*node as usize - model.parts.moving);
+                b * dot(p.force.as_slice(), &field[first..first + 3])
+            });
+            each.sum()
+        };
+        self.pressed.iter().map(along).sum()
     }
 
     /// lambda on a node inside, counted from the first such \[N\].
@@ -357,7 +456,7 @@ impl Coupling {
 
     /// Brings the known displacements of some nodes inside up to date; what is held is where it is held,
     /// to the bit.
-    fn update(
+    pub(crate) fn update(
         &self,
         model: &Model,
         displacement: &mut [Lane],
@@ -388,6 +487,15 @@ impl Coupling {
             for (held, pressure) in self.held.iter().zip(&self.pressure) {
                 let column = part.compliance(*held as usize);
                 add_scaled(now, *pressure, &column[dofs.clone()]);
+            }
+            for pressed in &self.pressed {
+                for (node, b) in pressed.nodes.iter().zip(pressed.weight) {
+                    for axis in (0..3).filter(|a| b * pressed.force[*a] != 0.0) {
+                        let column =
+                            part.compliance(3 * (*node as usize - model.parts.moving) + axis);
+                        add_scaled(now, b * pressed.force[axis], &column[dofs.clone()]);
+                    }
+                }
             }
             let from = model.parts.moving + first;
             let upto = model.parts.moving + end;
@@ -425,6 +533,9 @@ impl Coupling {
         seconds: f64,
     ) {
         let mut rates = self.clone();
+        // How the forces of what slides grow is not known.
+        rates.pressed.clear();
+        rates.yielded = 0.0;
         let drives = model.precomputed.iter().flat_map(|part| &part.drives);
         for (rate, source) in rates.amplitude.iter_mut().zip(drives) {
             let growth =

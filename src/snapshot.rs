@@ -6,7 +6,8 @@
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use crate::contact::hold::{Held, Released};
-use crate::contact::slide::Contact;
+use crate::contact::press::Pressed;
+use crate::contact::slide::{Contact, Place};
 use crate::energy::Account;
 use crate::live::LiveMesh;
 use crate::mesh::Vec3;
@@ -15,7 +16,7 @@ use crate::model::{Fnv, Model};
 use crate::pose::{Line, Pose, PoseInput};
 use crate::state::{Clock, Factored, Parameters, State, ToolState};
 
-const MAGIC: &[u8; 8] = b"tissueS9";
+const MAGIC: &[u8; 8] = b"tissueSa";
 
 /// Why bytes are not a state of this model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -184,9 +185,25 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
         out.int(u64::from(contact.tool));
         out.int(u64::from(contact.capsule));
         (contact.nodes.iter()).for_each(|v| out.int(u64::from(*v)));
+        let (kind, weight) = match contact.place {
+            Place::Nearest => (0, [0.0; 3]),
+            Place::NearestEnd => (1, [0.0; 3]),
+            Place::At(weight) => (2, weight),
+        };
+        out.int(kind);
+        out.reals(weight);
         out.reals(contact.force.into());
         out.reals(contact.velocity.into());
     }
+    out.int(state.coupling.pressed.len() as u64);
+    for pressed in &state.coupling.pressed {
+        out.int(u64::from(pressed.tool));
+        (pressed.nodes.iter()).for_each(|v| out.int(u64::from(*v)));
+        out.reals(pressed.weight);
+        out.reals(pressed.place.into());
+        out.reals(pressed.force.into());
+    }
+    out.real(state.coupling.yielded);
     for tool in &state.tools {
         out.reals(tool.input.value);
         tool.input.rate.iter().for_each(|r| out.option(*r));
@@ -261,7 +278,10 @@ pub fn size(state: &State) -> usize {
         + 1
         + 8 * state.released.len()
         + 1
-        + 11 * state.contacts.len()
+        + 15 * state.contacts.len()
+        + 1
+        + 13 * state.coupling.pressed.len()
+        + 1
         + (7 + 14 + 1 + 7 + 15 + 1 + 9 + 1 + 1 + 6 + 9) * state.tools.len()
         + 7
         + 10
@@ -350,19 +370,42 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     state.contacts.clear();
     for _ in 0..input.index(usize::MAX)? {
         let tool = input.index(tools)?;
-        let capsule = input.index(2 * model.tools[tool].capsules())? as u32;
-        let mut place = [0; 3];
-        for node in &mut place {
-            *node = input.index(model.parts.moving)? as u32;
+        let capsule = input.index(model.tools[tool].capsules())? as u32;
+        let mut touched = [0; 3];
+        for node in &mut touched {
+            *node = input.index(nodes)? as u32;
         }
         state.contacts.push(Contact {
             tool: tool as u32,
             capsule,
-            nodes: place,
+            nodes: touched,
+            place: match (input.index(3)?, input.reals()?) {
+                (0, _) => Place::Nearest,
+                (1, _) => Place::NearestEnd,
+                (_, weight) => Place::At(weight),
+            },
             force: input.vector()?,
             velocity: input.vector()?,
         });
     }
+    state.coupling.pressed.clear();
+    for _ in 0..input.index(usize::MAX)? {
+        let tool = input.index(tools)? as u32;
+        let mut touched = [0; 3];
+        for node in &mut touched {
+            let inside = input.index(nodes)?.checked_sub(model.parts.moving);
+            let inside = inside.filter(|i| *i < model.parts.touchable);
+            *node = (model.parts.moving + inside.ok_or(SnapshotError::Damaged)?) as u32;
+        }
+        state.coupling.pressed.push(Pressed {
+            tool,
+            nodes: touched,
+            weight: input.reals()?,
+            place: input.vector()?,
+            force: input.vector()?,
+        });
+    }
+    state.coupling.yielded = input.real()?;
     for tool in &mut state.tools {
         *tool = read_tool(&mut input)?;
     }

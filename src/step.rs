@@ -2,7 +2,7 @@
 
 use crate::contact::burn;
 use crate::contact::hold::{self, Held};
-use crate::contact::slide;
+use crate::contact::{press, slide};
 use crate::couple::Before;
 use crate::cut;
 use crate::element::blend::Listed;
@@ -324,9 +324,8 @@ pub fn advance(
             drift(model, state);
             let elapsed = std::mem::take(&mut state.since_haptic);
             for tool in 0..state.tools.len() {
-                feel(model, state, work, tool);
-                let substeps = (period / h).ceil().max(1.0);
-                let way = substeps * work.haste[tool] * model.tools[tool].least_radius();
+                feel(model, state, work, tool, h);
+                let way = way(model, work, tool, h);
                 slide::find(model, state, tool, way, &mut work.slide);
                 let burns = model.scene.tools[tool].kind == ToolKind::Cautery;
                 if !(burns && state.tools[tool].active) {
@@ -357,7 +356,7 @@ pub fn advance(
                 let haste = work.haste[tool];
                 if sticks(model, tool) && glances(haste, now) > glances(haste, last) {
                     drift(model, state);
-                    feel(model, state, work, tool);
+                    feel(model, state, work, tool, h);
                 }
             }
         }
@@ -412,14 +411,21 @@ fn drift(model: &Model, state: &mut State) {
     }
 }
 
+/// How far any point of a tool goes until the next haptic tick \[m\].
+fn way(model: &Model, work: &Workspace, tool: usize, h: f64) -> f64 {
+    let substeps = (1.0 / (model.scene.integration.haptic_rate * h)).ceil();
+    substeps.max(1.0) * work.haste[tool] * model.tools[tool].least_radius()
+}
+
 /// What tool `tool` touches and holds, as of now.
-fn feel(model: &Model, state: &mut State, work: &mut Workspace, tool: usize) {
-    look(model, state, tool);
+fn feel(model: &Model, state: &mut State, work: &mut Workspace, tool: usize, h: f64) {
+    let way = way(model, work, tool, h);
+    look(model, state, tool, way);
     work.before.remember(model, &state.coupling);
     measure_held(model, state, &mut work.loose);
     while hold::update(model, state, tool, &work.loose, &mut work.touched) {
         regrip(model, state, work, tool);
-        look(model, state, tool);
+        look(model, state, tool, way);
         work.before.remember(model, &state.coupling);
     }
     regrip(model, state, work, tool);
@@ -438,13 +444,13 @@ fn set_substep(model: &Model, state: &mut State, h: f64) {
 }
 
 /// Before tool `k` is asked what it touches: where the tissue near it is.
-fn look(model: &Model, state: &mut State, k: usize) {
+fn look(model: &Model, state: &mut State, k: usize, way: f64) {
     if model.parts.touchable == 0 || !hold::feels(model, state, k) {
         return;
     }
     let shape = model.tools[k].at(&state.tools[k].pose);
     // The vertices of a touched triangle are within its longest edge; the rest is for stretch.
-    let reach = 1.25 * model.longest_edge;
+    let reach = slide::reach(model, k, way) + slide::STRETCH * model.longest_edge;
     let distance = |at: &Vec3| {
         let each = shape.clone().map(|c| c.axis_distance(at) - c.radius);
         each.fold(f64::INFINITY, f64::min)
@@ -497,6 +503,8 @@ pub(crate) fn gained(
     before: &Before,
     impulse: &mut [Vec3],
 ) -> f64 {
+    // What slides follows, its forces being as they were.
+    press::follow_jump(model, state);
     let half = 0.5 * state.clock.lag;
     for held in &state.held {
         let i = held.node as usize;

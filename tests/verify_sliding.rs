@@ -4,7 +4,7 @@ mod common;
 
 use std::collections::HashSet;
 
-use tissue::contact::slide::Contact;
+use tissue::contact::slide::{Contact, Place};
 use tissue::mesh::Vec3;
 use tissue::simulation::Simulation;
 
@@ -25,6 +25,10 @@ fn block(friction: f64, settings: &str) -> Simulation {
     common::simulation(&text)
 }
 
+/// Pre-computed where the sphere comes down, dynamic where it slides to.
+const HYBRID: &str =
+    r#""model": {"kind": "hybrid", "dynamic": {"box": {"min": [0.035, 0, 0], "max": [1, 1, 1]}}},"#;
+
 /// Down by 5 mm in .3 s, along by 6 mm from .6 s to 1 s, up from 1.2 s on.
 fn script(s: &mut Simulation, t: f64) {
     let ramp = |from: f64, to: f64| ((t - from) / (to - from)).clamp(0.0, 1.0);
@@ -39,12 +43,17 @@ fn touching(s: &Simulation) -> impl Iterator<Item = &Contact> {
 }
 
 /// Of any point of the surface that can be deepest \[m\].
-fn deepest(s: &Simulation) -> f64 {
+fn deepest(s: &mut Simulation) -> f64 {
+    // Inside pre-computed tissue not all of the state is of now.
+    let now: Vec<Vec3> = (0..s.state().displacement.len())
+        .map(|i| s.displacement(i))
+        .collect();
     let (model, state) = (s.model(), s.state());
     let centre = state.tools[0].pose.position;
     let mut deepest = 0.0f64;
     for face in &state.live.surface {
-        let x = state.live.triangle(model, *face).map(|v| state.position(v));
+        let nodes = state.live.triangle(model, *face);
+        let x = nodes.map(|v| state.live.rest[v as usize] + now[v as usize]);
         for k in 0..=20 {
             for l in 0..=20 - k {
                 let [a, b] = [f64::from(k) / 20.0, f64::from(l) / 20.0];
@@ -65,6 +74,12 @@ fn a_sphere_presses_slides_and_leaves() {
         (r#""integration": {"scheme": "centralDifference"},"#, 1e-12),
         (r#""model": {"element": "nodalAveraged"},"#, 1e-12),
         (r#""model": {"elasticity": "stableNeoHookean"},"#, 1e-5),
+        (r#""model": {"kind": "quasiStatic"},"#, 1e-12),
+        (
+            r#""model": {"kind": "quasiStatic", "element": "nodalAveraged"},"#,
+            1e-12,
+        ),
+        (HYBRID, 1e-12),
     ] {
         for friction in [0.0, 0.3, 2.0] {
             let mut s = block(friction, settings);
@@ -87,6 +102,13 @@ fn a_sphere_presses_slides_and_leaves() {
                 }
                 // Waves go on when the tool stands still.
                 let most = 3.0 * stiffness.unwrap_or(1200.0) * travel.max(travelled);
+                // Without inertia what has stuck snaps back at once: no more than it bore.
+                let snaps = friction > 1.0 && settings.contains("quasiStatic");
+                let most = if snaps {
+                    0.2 * last.norm().max(0.1)
+                } else {
+                    most
+                };
                 assert!(
                     (force - last).norm() <= most,
                     "{k}: {last} {force} {stiffness:?}"
@@ -98,8 +120,16 @@ fn a_sphere_presses_slides_and_leaves() {
                     let n = normal(&s, contact);
                     let pressed = contact.force.dot(&n);
                     let rubbed = (contact.force - n * pressed).norm();
-                    // The normal has turned in the substep since.
-                    assert!(pressed > 0.0 && rubbed <= (1.01 * friction + 0.03) * pressed);
+                    // The normal has turned in the substep since, which without dynamic tissue is a millisecond.
+                    let turned = if settings.contains("kind") {
+                        0.06
+                    } else {
+                        0.03
+                    };
+                    assert!(
+                        pressed > 0.0 && rubbed <= (1.01 * friction + turned) * pressed,
+                        "{k}: {pressed} {rubbed} {contact:?} {force}"
+                    );
                 }
                 match k {
                     550 | 1150 => {
@@ -107,7 +137,14 @@ fn a_sphere_presses_slides_and_leaves() {
                             (force - mean).norm() < 1e-3 * force.norm(),
                             "{force} {mean}"
                         );
-                        assert!(deepest(&s) < 1e-3 * RADIUS, "{}", deepest(&s));
+                        let deep = deepest(&mut s);
+                        // Between places; where the parts meet there are only vertices.
+                        let most = match settings {
+                            HYBRID => 0.1,
+                            _ if settings.contains("quasiStatic") => 0.015,
+                            _ => 1e-3,
+                        };
+                        assert!(deep < most * RADIUS, "{deep}");
                         assert!(force.z > 0.25 && force.xy().norm() < (friction + 0.2) * force.z);
                     }
                     800 => println!(
@@ -115,7 +152,7 @@ fn a_sphere_presses_slides_and_leaves() {
                         force.as_slice(),
                         touching(&s).count(),
                         s.state().contacts.len(),
-                        deepest(&s)
+                        deepest(&mut s)
                     ),
                     1400.. => assert!(force == Vec3::zeros() && !s.tool(0).in_contact),
                     _ => {}
@@ -125,7 +162,13 @@ fn a_sphere_presses_slides_and_leaves() {
                 "    energy {:.1e}, heat lost {lost:.1e}, largest jump {jump:.4} N at {stiffness:.0?} N/m",
                 worst / scale
             );
-            assert!(worst < tolerance * scale && lost < 1e-5);
+            // The normal of a millisecond is not that of the way.
+            let most = if settings.contains("quasiStatic") {
+                2e-4
+            } else {
+                1e-5
+            };
+            assert!(worst < tolerance * scale && lost < most, "{lost}");
         }
     }
 }
@@ -148,9 +191,10 @@ fn stiffness_in_a_step(s: &mut Simulation) -> Option<f64> {
 fn normal(s: &Simulation, contact: &Contact) -> Vec3 {
     let centre = s.tool(0).pose.position;
     let x = contact.nodes.map(|v| s.state().position(v));
-    let place = match contact.nodes {
-        [a, b, _] if a == b => x[0],
-        [_, b, c] if b == c => {
+    let place = match (contact.nodes, contact.place) {
+        (_, Place::At(b)) => x[0] * b[0] + x[1] * b[1] + x[2] * b[2],
+        ([a, b, _], _) if a == b => x[0],
+        ([_, b, c], _) if b == c => {
             let edge = x[1] - x[0];
             x[0] + edge * ((centre - x[0]).dot(&edge) / edge.norm_squared())
         }

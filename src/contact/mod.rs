@@ -3,5 +3,6 @@
 pub mod burn;
 pub mod geometry;
 pub mod hold;
+pub mod press;
 pub mod shape;
 pub mod slide;

@@ -70,6 +70,11 @@ impl ToolShape {
         boxes.fold(start, |a, b| (a.0.inf(&b.0), a.1.sup(&b.1)))
     }
 
+    /// Of the thickest capsule \[m\].
+    pub fn most_radius(&self) -> f64 {
+        self.whole.iter().map(|c| c.radius).fold(0.0, f64::max)
+    }
+
     /// Of the thinnest capsule \[m\].
     pub fn least_radius(&self) -> f64 {
         self.whole

@@ -1,7 +1,8 @@
 //! Sliding contact: what a tool with a Coulomb coefficient touches may not enter it, may leave it, and rubs.
 //!
-//! A place of the surface is x_c = sum b_i x_i, of a vertex, of the point of an edge or of a face that is nearest to the
-//! axis of a capsule: of a flat triangle against a capsule one of these is always the deepest. With n from the axis to x_c, R the
+//! A place of the surface is x_c = sum b_i x_i. Of dynamic tissue: a vertex, the point of an edge or of a face that is nearest to
+//! the axis of a capsule: of a flat triangle against a capsule one of these is always the deepest. (Of pre-computed tissue see
+//! [`super::press`].) With n from the axis to x_c, R the
 //! radius and v_t the velocity of the tool there, the forces lambda_c of the tool on tissue are those with
 //!
 //! g_c = |x_c - axis| - R >= 0 at the end of the substep,  n . lambda_c >= 0,  g_c (n . lambda_c) = 0,
@@ -14,6 +15,7 @@
 
 use super::geometry::Capsule;
 use super::hold;
+use super::press::{self, Press};
 use super::shape::ToolShape;
 use crate::loose;
 use crate::mesh::Vec3;
@@ -32,18 +34,30 @@ const SETTLED: f64 = 1e-4;
 /// is looked at.
 const MARGIN: f64 = 0.25;
 /// Longest that an edge may be, in rest lengths of the longest.
-const STRETCH: f64 = 1.25;
+pub(crate) const STRETCH: f64 = 1.25;
 /// Depth, in radii, that a substep makes good at most: what is deeper comes out over several.
-const MOST_DEPTH: f64 = 0.1;
+pub(super) const MOST_DEPTH: f64 = 0.1;
+
+/// Of a vertex, an edge or a face.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Place {
+    /// What is nearest to the axis; of a face, to its tip.
+    Nearest,
+    /// Of a face what is nearest to the far end of the axis.
+    NearestEnd,
+    /// b_i, which sum to 1.
+    At([f64; 3]),
+}
 
 /// A place that a capsule of a tool may touch before the next haptic tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
     pub tool: u32,
-    /// Which of its capsules; of a face, twice that and one more for the far end of the axis.
+    /// Which of its capsules.
     pub capsule: u32,
-    /// Of a vertex three times the same, of an edge the second one twice.
+    /// In rising order; of a vertex three times the same, of an edge the second one twice.
     pub nodes: [u32; 3],
+    pub place: Place,
     /// Of the tool on tissue in the last substep \[N\].
     pub force: Vec3,
     /// v_t in the last substep \[m/s\], where there was a force.
@@ -51,8 +65,44 @@ pub struct Contact {
 }
 
 impl Contact {
-    fn key(&self) -> (u32, u32, [u32; 3]) {
-        (self.tool, self.capsule, self.nodes)
+    fn key(&self) -> (u32, u32, [u32; 3], [u64; 3]) {
+        let place = match self.place {
+            Place::Nearest => [0; 3],
+            Place::NearestEnd => [1, 0, 0],
+            Place::At(weight) => weight.map(f64::to_bits),
+        };
+        (self.tool, self.capsule, self.nodes, place)
+    }
+
+    /// Weights of the nodes, at x, and the point of the axis that are nearest to each other; none where another place is
+    /// nearer.
+    pub(super) fn weights(&self, capsule: &Capsule, x: &[Vec3; 3]) -> Option<([f64; 3], Vec3)> {
+        let end = match self.place {
+            Place::At(b) => {
+                let place = x[0] * b[0] + x[1] * b[1] + x[2] * b[2];
+                return Some((b, capsule.on_axis(&place)));
+            }
+            Place::Nearest => capsule.tip,
+            Place::NearestEnd => capsule.end,
+        };
+        if self.nodes[0] == self.nodes[1] {
+            return Some(([1.0, 0.0, 0.0], capsule.on_axis(&x[0])));
+        }
+        if self.nodes[1] == self.nodes[2] {
+            let (share, on_axis) = capsule.nearest_on_edge(&x[0], &x[1])?;
+            return Some(([1.0 - share, share, 0.0], on_axis));
+        }
+        let (a, b) = (x[1] - x[0], x[2] - x[0]);
+        let normal = a.cross(&b);
+        let area = normal.norm_squared();
+        if area == 0.0 {
+            return None;
+        }
+        let to = end - x[0];
+        let second = to.cross(&b).dot(&normal) / area;
+        let third = a.cross(&to).dot(&normal) / area;
+        let first = 1.0 - second - third;
+        (first > 0.0 && second > 0.0 && third > 0.0).then_some(([first, second, third], end))
     }
 }
 
@@ -82,10 +132,11 @@ struct Touch {
 /// Reused from substep to substep.
 #[derive(Debug, Default)]
 pub struct Scratch {
+    pub(super) press: Press,
     touches: Vec<Touch>,
     before: Vec<Contact>,
     nodes: Vec<u32>,
-    shape: Vec<Capsule>,
+    pub(super) shape: Vec<Capsule>,
     /// A node each: whether it may be in reach.
     near: Vec<bool>,
     /// A node each, of old where nothing touches: velocities as the sweep has left them, or accelerations.
@@ -99,6 +150,7 @@ impl Scratch {
         }
         let room = room(model);
         Scratch {
+            press: Press::with_room(model),
             touches: Vec::with_capacity(room),
             before: Vec::with_capacity(room),
             nodes: Vec::with_capacity(3 * room),
@@ -123,6 +175,14 @@ pub fn coefficient(model: &Model, k: usize) -> Option<f64> {
     match model.scene.tools[k].friction {
         Friction::Stick => None,
         Friction::Coulomb(mu) => Some(mu),
+    }
+}
+
+/// From the surface of tool `k`, places nearer than this are listed \[m\]: none of a tool that holds what it touches.
+pub fn reach(model: &Model, k: usize, way: f64) -> f64 {
+    match coefficient(model, k) {
+        Some(_) => MARGIN * model.tools[k].most_radius() + way,
+        None => 0.0,
     }
 }
 
@@ -191,6 +251,8 @@ fn find_near(
         displacement,
         ..
     } = state;
+    let moving = model.parts.moving as u32;
+    let touchable = moving + model.parts.touchable as u32;
     let mut any = false;
     for (i, near) in near.iter_mut().enumerate() {
         let x = live.rest[i] + displacement[i].xyz();
@@ -200,24 +262,28 @@ fn find_near(
     if !any {
         return;
     }
-    let mut add = |capsule, nodes| {
+    let mut add = |capsule, nodes, place| {
         contacts.push(Contact {
             tool,
             capsule,
             nodes,
+            place,
             force: Vec3::zeros(),
             velocity: Vec3::zeros(),
         });
     };
     for face in &live.surface {
         let uncut = &model.topology.faces[*face as usize].vertices;
-        if live.splits.is_empty() && !uncut.iter().all(|v| near[*v as usize]) {
+        if live.splits.is_empty() && !uncut.iter().all(|v| *v < touchable && near[*v as usize]) {
             continue;
         }
         let nodes = live.triangle(model, *face);
-        if !nodes.iter().all(|v| near[*v as usize]) {
+        if !nodes.iter().all(|v| *v < touchable && near[*v as usize]) {
             continue;
         }
+        // What belongs to both parts is touched at its vertices: a place between them would hold the moving ones by
+        // however little the others give.
+        let is_mixed = nodes.iter().any(|v| *v < moving) && nodes.iter().any(|v| *v >= moving);
         let x = nodes.map(|v| live.rest[v as usize] + displacement[v as usize].xyz());
         let middle = (x[0] + x[1] + x[2]) / 3.0;
         let normal = (x[1] - x[0]).cross(&(x[2] - x[0]));
@@ -228,32 +294,46 @@ fn find_near(
         if (nearest - middle).norm() > reach + size || (nearest - middle).dot(&normal) <= 0.0 {
             continue;
         }
-        let away = |x: &Vec3| (x - capsule.on_axis(x)).norm();
-        let above = |x: &Vec3| (x - middle).dot(&normal).abs() <= reach * normal.norm();
         let mut sorted = nodes;
         sorted.sort_unstable();
-        if above(&capsule.tip) {
-            add(2 * c, sorted);
-        }
-        if capsule.tip != capsule.end && above(&capsule.end) {
-            add(2 * c + 1, sorted);
-        }
         let at = sorted.map(|v| live.rest[v as usize] + displacement[v as usize].xyz());
-        let distance = at.map(|x| away(&x));
+        if sorted[0] >= moving {
+            let rest = sorted.map(|v| live.rest[v as usize]);
+            press::places(&rest, capsule.radius, |weight| {
+                let place = at[0] * weight[0] + at[1] * weight[1] + at[2] * weight[2];
+                if capsule.axis_distance(&place) <= reach {
+                    let (nodes, weight) = press::compact(sorted, weight);
+                    add(c, nodes, Place::At(weight));
+                }
+            });
+            continue;
+        }
+        let above = |x: &Vec3| (x - middle).dot(&normal).abs() <= reach * normal.norm();
+        if above(&capsule.tip) && !is_mixed {
+            add(c, sorted, Place::Nearest);
+        }
+        if capsule.tip != capsule.end && above(&capsule.end) && !is_mixed {
+            add(c, sorted, Place::NearestEnd);
+        }
+        let distance = at.map(|x| capsule.axis_distance(&x));
         for (a, b) in [(0, 1), (1, 2), (0, 2)] {
+            let is_mixed = (sorted[a] < moving) != (sorted[b] < moving);
             let between = capsule
                 .nearest_on_edge(&at[a], &at[b])
-                .map(|(share, on_axis)| {
-                    let place = at[a] + (at[b] - at[a]) * share;
-                    (place - on_axis).norm()
-                });
-            if between.unwrap_or(distance[a].min(distance[b])) <= reach {
-                add(2 * c, [sorted[a], sorted[b], sorted[b]]);
+                .map(|(share, on_axis)| (at[a] + (at[b] - at[a]) * share - on_axis).norm());
+            let nearest = between.unwrap_or(distance[a].min(distance[b]));
+            // Between pre-computed vertices the other face lists places.
+            if nearest <= reach && !is_mixed && sorted[a] < moving {
+                add(c, [sorted[a], sorted[b], sorted[b]], Place::Nearest);
             }
         }
         for (v, distance) in sorted.into_iter().zip(distance) {
             if distance <= reach {
-                add(2 * c, [v; 3]);
+                let place = match v < moving {
+                    true => Place::Nearest,
+                    false => Place::At([1.0, 0.0, 0.0]),
+                };
+                add(c, [v; 3], place);
             }
         }
     }
@@ -343,6 +423,9 @@ fn touch(
     let mut of = u32::MAX;
     for at in 0..state.contacts.len() {
         let contact = &mut state.contacts[at];
+        if contact.nodes[0] as usize >= model.parts.moving {
+            continue;
+        }
         let last = match from {
             Some(_) => std::mem::take(&mut contact.force),
             None => contact.force,
@@ -354,7 +437,7 @@ fn touch(
             work.shape.clear();
             work.shape.extend(model.tools[k].at(pose));
         }
-        let capsule = &work.shape[contact.capsule as usize / 2];
+        let capsule = &work.shape[contact.capsule as usize];
         let nodes = contact.nodes.map(|v| v as usize);
         // The sweep has moved them on, as if nothing held them.
         let back = from.map_or(0.0, |_| by.substep);
@@ -362,8 +445,7 @@ fn touch(
             let u = state.displacement[i].xyz() - state.velocity[i].xyz() * back;
             state.live.rest[i] + u
         });
-        let far = contact.capsule % 2 == 1;
-        let Some((weight, on_axis)) = nearest(capsule, far, &nodes, &x) else {
+        let Some((weight, on_axis)) = contact.weights(capsule, &x) else {
             continue;
         };
         let place = x[0] * weight[0] + x[1] * weight[1] + x[2] * weight[2];
@@ -421,39 +503,10 @@ fn touch(
     work.nodes.dedup();
 }
 
-/// Weights of the nodes and the point of the axis that are nearest to each other; none where another place is nearer.
-fn nearest(
-    capsule: &Capsule,
-    far: bool,
-    nodes: &[usize; 3],
-    x: &[Vec3; 3],
-) -> Option<([f64; 3], Vec3)> {
-    if nodes[0] == nodes[1] {
-        return Some(([1.0, 0.0, 0.0], capsule.on_axis(&x[0])));
-    }
-    if nodes[1] == nodes[2] {
-        let (share, on_axis) = capsule.nearest_on_edge(&x[0], &x[1])?;
-        return Some(([1.0 - share, share, 0.0], on_axis));
-    }
-    let from = if far { capsule.end } else { capsule.tip };
-    let (a, b) = (x[1] - x[0], x[2] - x[0]);
-    let normal = a.cross(&b);
-    let area = normal.norm_squared();
-    if area == 0.0 {
-        return None;
-    }
-    let to = from - x[0];
-    let second = to.cross(&b).dot(&normal) / area;
-    let third = a.cross(&to).dot(&normal) / area;
-    let first = 1.0 - second - third;
-    (first > 0.0 && second > 0.0 && third > 0.0).then_some(([first, second, third], from))
-}
-
-/// The nearest to a force of those with a given part along the normal.
-fn within_cone(touch: &Touch, force: Vec3, pressed: f64) -> Vec3 {
-    let n = touch.normal;
-    let across = force - n * force.dot(&n);
-    let (size, most) = (across.norm(), touch.friction * pressed);
+/// The nearest to a force of those with a given part along the normal n.
+pub(super) fn within_cone(n: &Vec3, friction: f64, force: Vec3, pressed: f64) -> Vec3 {
+    let across = force - n * force.dot(n);
+    let (size, most) = (across.norm(), friction * pressed);
     match size > most {
         true => n * pressed + across * (most / size),
         false => n * pressed + across,
@@ -473,7 +526,7 @@ fn solve(touches: &mut [Touch], h: f64, inverse_mass: &[Lane], velocity: &mut [L
     for touch in touches.iter_mut() {
         // Normals turn; the cone is kept.
         let pressed = touch.force.dot(&touch.normal).max(0.0);
-        touch.force = within_cone(touch, touch.force, pressed);
+        touch.force = within_cone(&touch.normal, touch.friction, touch.force, pressed);
         give(touch, &touch.force, velocity);
     }
     for _ in 0..MOST_PASSES {
@@ -487,7 +540,7 @@ fn solve(touches: &mut [Touch], h: f64, inverse_mass: &[Lane], velocity: &mut [L
             let gap = touch.gap / h + n.dot(&v);
             let pressed = (touch.force.dot(&n) - gap / touch.along).max(0.0);
             let sticking = touch.force - (v - touch.tool) / touch.across;
-            let force = within_cone(touch, sticking, pressed);
+            let force = within_cone(&n, touch.friction, sticking, pressed);
             let more = force - touch.force;
             touch.force = force;
             give(touch, &more, velocity);
@@ -522,6 +575,7 @@ pub fn read_forces(model: &Model, state: &mut State, loose: &loose::Scratch, wor
         tool.torque -= (touch.place - tool.pose.position).cross(&touch.force);
         tool.in_contact = true;
     }
+    press::read_forces(state);
 }
 
 #[cfg(test)]

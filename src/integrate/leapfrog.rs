@@ -2,6 +2,7 @@
 
 use super::{add_inside, sweep};
 use crate::contact::hold::{self, Held};
+use crate::contact::press;
 use crate::contact::slide::{self, Substep};
 use crate::loose;
 use crate::mesh::Vec3;
@@ -49,7 +50,12 @@ pub(super) fn substep(
     ahead += work.loose.taken(state, 0.5 * h);
     sums += loose;
     let kinetic = kinetic(&sums, lag, h);
-    state.coupling.solve(model, &state.displacement);
+    let substep = Substep {
+        from: &work.from,
+        residual: &work.residual,
+        by: &by,
+    };
+    press::press(model, state, &mut work.slide, &substep, &mut work.impulse);
     watch(
         model,
         state,

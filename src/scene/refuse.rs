@@ -20,24 +20,15 @@ pub(super) fn refuse(scene: &Scene) -> Result<(), SceneError> {
     let text = |path: &str| path.to_string();
     // The equilibrium of springs is no linear system.
     let springs = model.kind == ModelKind::SpringMass;
-    let inside = matches!(model.kind, ModelKind::QuasiStatic | ModelKind::Hybrid);
     let settled = springs && scene.start == Start::Equilibrium;
     #[rustfmt::skip]
-    let mut table = vec![
+    let table = vec![
         (settled, text("start"), format!("{} with {}", word(&scene.start), word(&model.kind)), "use rest"),
         (adaptive && polynomial, text("model.form"), format!("{} with a non-linear threshold", word(&model.form)), "use perTetrahedron"),
         ((adaptive || polynomial) && penalised, text("model.incompressibility"), format!("a volume penalty with {}", if polynomial {"polynomial"} else {"a non-linear threshold"}), "use 0"),
         (polynomial && splits, text("cutting.rule"), format!("duplicate with {}", word(&model.form)), "use remove"),
         (!format.eq_ignore_ascii_case("msh"), text("mesh.file"), format!("the mesh format .{format}"), "use .msh"),
     ];
-    for (i, tool) in scene.tools.iter().enumerate() {
-        let path = |key: &str| format!("tools[{i}].{key}");
-        let slides = tool.friction != Friction::Stick;
-        #[rustfmt::skip]
-        table.extend([
-            (slides && inside, path("friction"), text("a Coulomb coefficient with pre-computed tissue"), "use \"stick\""),
-        ]);
-    }
     unsuited(scene)?;
     match table.into_iter().find(|(refused, ..)| *refused) {
         None => Ok(()),
