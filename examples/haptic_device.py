@@ -52,6 +52,7 @@ class Hand:
     mass: float = 0.1  # kg
     stiffness: float = 300.0  # N/m
     damping: float = 3.0  # N s/m
+    start: float = START  # m
     low: float = 0.034  # m
     high: float = 0.041  # m
     period: float = 1.0  # s
@@ -59,12 +60,12 @@ class Hand:
     release: float = float("inf")  # s: from then on there is no hand
 
     def path(self, time):
-        """Where the hand wants to be: from START down to `low`, then strokes between `low` and `high`."""
+        """Where the hand wants to be: from `start` to `low`, then strokes between `low` and `high`."""
         stroke = 2.0 * min(time, self.rest) / self.period
         whole = int(stroke)
         u = stroke - whole
         smooth = u * u * (3.0 - 2.0 * u)
-        top = START if whole == 0 else self.high
+        top = self.start if whole == 0 else self.high
         return top + (self.low - top) * (smooth if whole % 2 == 0 else 1.0 - smooth)
 
 
@@ -76,20 +77,21 @@ class Coupling:
 
 
 class Tissue:
-    """An instance of the FMU that is pressed along z; forces [N] are those of the tissue on the tool, upwards."""
+    """An instance of the FMU, one axis of one tool; forces [N] are those of the tissue on the tool."""
 
     ENERGIES = ["elastic", "kinetic", "gravity", "load", "dissipated", "toolWork", "supportWork"]
 
-    def __init__(self, path, tool=1):
+    def __init__(self, path, tool=1, axis="z"):
         description = read_model_description(str(path), validate=False)
         self.folder = tempfile.mkdtemp()
         self.reference = {v.name: v.valueReference for v in description.modelVariables}
         self.fmu = FMU2Slave(guid=description.guid, unzipDirectory=extract(str(path), unzipdir=self.folder),
                              modelIdentifier=description.coSimulation.modelIdentifier, instanceName="tissue")
         self.fmu.instantiate()
-        self.position = self.references(f"tool[{tool}].position.z")
-        self.forces = self.references(f"tool[{tool}].force.z", f"tool[{tool}].meanForce.z")
-        self.slope = self.references(f"tool[{tool}].stiffness[3,3]")
+        self.position = self.references(f"tool[{tool}].position.{axis}")
+        self.forces = self.references(f"tool[{tool}].force.{axis}", f"tool[{tool}].meanForce.{axis}")
+        row = "xyz".index(axis) + 1
+        self.slope = self.references(f"tool[{tool}].stiffness[{row},{row}]")
         self.held = [self.reference[f"tool[{tool}].inContact"]]
         self.set, self.two, self.one = (c_double * 1)(), (c_double * 2)(), (c_double * 1)()
         self.begin()
@@ -151,9 +153,8 @@ class Loop:
         self.device, self.hand, self.coupling = device or Device(), hand or Hand(), coupling or Coupling()
         self.delay = delay
         self.k = 0
-        self.x = START
         self.v = 0.0
-        self.y = self.y_last = START
+        self.x = self.y = self.y_last = self.hand.start
         self.stretch = 0.0
         self.pull = 0.0
         self.forces = [0.0] * (delay + 1)  # of late, the oldest first
@@ -163,9 +164,10 @@ class Loop:
     def tick(self):
         """Where the tool goes from here, and what the coupling pulls with until the next tick."""
         stiffness, rate = self.coupling.stiffness, self.coupling.damping / TICK
-        inertia = self.coupling.mass / TICK**2
-        push = inertia * (2.0 * self.y - self.y_last) + stiffness * self.x + rate * (self.x - self.stretch)
-        y = (push + self.forces[0]) / (inertia + stiffness + rate)
+        inertia = self.coupling.mass / (TICK * TICK)
+        apart = self.x - self.y
+        push = inertia * (self.y - self.y_last) + stiffness * apart + rate * (apart - self.stretch) + self.forces[0]
+        y = self.y + push / (inertia + stiffness + rate)
         stretch = self.x - y
         self.pull = stiffness * stretch + rate * (stretch - self.stretch)
         self.coupling_heat += rate * (stretch - self.stretch) ** 2
