@@ -131,6 +131,13 @@ class Tissue:
         values = self.fmu.getReal([self.reference[n] for n in names])
         return values[0] if len(names) == 1 else values
 
+    def save(self):
+        return self.fmu.getFMUstate(), self.time
+
+    def restore(self, saved):
+        self.fmu.setFMUstate(saved[0])
+        self.time = saved[1]
+
     def energies(self):
         return dict(zip(self.ENERGIES, self.get(*(f"energy.{n}" for n in self.ENERGIES))))
 

@@ -118,9 +118,8 @@ def ecos(fmus, ticks):
 
 
 def libcosim(fmus, ticks):
-    from libcosimpy.CosimEnums import CosimLogLevel
     from libcosimpy.CosimExecution import CosimExecution
-    from libcosimpy.CosimLogging import log_output_level
+    from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
     from libcosimpy.CosimObserver import CosimObserver
 
     log_output_level(CosimLogLevel.WARNING)
