@@ -32,7 +32,7 @@ from haptic_device import SCENE, START, TICK, Coupling, Device, Hand, Loop, Tiss
 
 DEPTH = 0.036  # m: the ball's centre, 4 mm into the block
 DAMPING = 0.3  # N s/m, of the device on the map
-THETA = np.pi * np.array([0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.98])
+THETA = np.pi * np.array([0.02, 0.1, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.98])
 
 
 def settled(tissue):
@@ -79,6 +79,19 @@ def needed(tissue, coupling, rest, delay=0, thetas=THETA, ticks=400):
         before = loop.coupling_work
         squares = follow(loop, tissue, places[ticks // 2 :])
         found.append((before - loop.coupling_work) / (squares / TICK))
+    return np.array(found)
+
+
+def needed_without(tissue, rest, delay=0, thetas=THETA, ticks=400):
+    """The same with neither coupling nor tool: the device's position is the tool's, the tissue's force the device's."""
+    state, force = rest
+    found = []
+    for theta in thetas:
+        tissue.restore(state)
+        places = DEPTH + 1e-5 / (2 * math.sin(theta / 2)) * np.sin(theta * np.arange(ticks + ticks // 2 + 1))
+        felt = [force] * delay + [tissue.step(place)[0] for place in places]
+        ways = np.diff(places)[ticks // 2 :]
+        found.append(np.array(felt[ticks // 2 :][: len(ways)]) @ ways / (ways @ ways / TICK))
     return np.array(found)
 
 
@@ -204,7 +217,7 @@ def main(arguments=None):
     dampings = np.linspace(0.0, 0.4, 2 if chosen.quick else 17)
     with tempfile.TemporaryDirectory() as folder, Tissue(build(SCENE, folder)) as tissue:
         rows = sweep(tissue, stiffnesses, dampings)
-        settled(tissue)
+        alone = [needed_without(tissue, settled(tissue), delay).max() for delay in (0, 1)]
         static, within = tissue.get("tool[1].staticStiffness[3,3]"), -tissue.stiffness()
     place = Path(chosen.o)
     place.mkdir(parents=True, exist_ok=True)
@@ -216,6 +229,8 @@ def main(arguments=None):
     share = [row["needed"] / row["bound"] for row in rows]
     off = max(abs(row["exact"] / row["needed"] - 1) for row in rows)
     print(f"tissue       {within:.0f} N/m within a tick, {static:.0f} N/m settled")
+    print(f"no coupling  {alone[0]:.2f} N s/m are needed, {alone[1]:.2f} with a delay of a tick; K T / 2 would say "
+          f"{within * TICK / 2:.2f} of the stiffness within a tick, {static * TICK / 2:.2f} of the settled one")
     print(f"couplings    {len(rows)}: they need {min(share):.2f} to {max(share):.3f} of the bound, "
           f"and what the exact criterion says to {100 * off:.1f} %")
     for damping in dampings[:: len(dampings) - 1]:
@@ -225,7 +240,7 @@ def main(arguments=None):
                 print("{stiffness:11.0f}{needed:9.3f}{bound:9.3f}{exact:8.3f}{ratio:12.3f}{error:15.3f}{returned:11.2g}"
                       .format(**row))
     print(f"written to {place / 'co_design.csv'} and {place / 'co_design.svg'}")
-    return rows
+    return rows, alone, within, static
 
 
 if __name__ == "__main__":

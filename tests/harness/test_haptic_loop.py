@@ -231,8 +231,9 @@ def test_two_fmus():
 
 
 def test_co_design(tmp_path):
-    """The quick map: damping needed stays below the bound and near to it, and is the exact criterion's."""
-    rows = co_design.main(["--quick", "-o", str(tmp_path)])
+    """The quick map: damping needed stays below the bound and near to it, and is the exact criterion's. Without a coupling
+    the settled stiffness promises far too much, and a tick's still too much."""
+    rows, alone, within, static = co_design.main(["--quick", "-o", str(tmp_path)])
     assert len(rows) == 6 and (tmp_path / "co_design.svg").stat().st_size > 5000
     for row in rows:
         assert 0.85 * row["bound"] < row["needed"] < row["bound"]
@@ -241,6 +242,8 @@ def test_co_design(tmp_path):
     assert soft["returned"] == 0 and stiff["returned"] > 1
     assert soft["ratio"] == pytest.approx(50 / (50 + 196), abs=0.01)
     assert stiff["error"] < 0.1 < soft["error"]
+    assert static * TICK / 2 < within * TICK / 2 < alone[0] < alone[1]
+    assert alone[0] == pytest.approx(0.67, abs=0.01) and alone[1] == pytest.approx(1.06, abs=0.02)
 
 
 def test_extrapolation():
