@@ -115,6 +115,8 @@ def main(arguments=None):
     parser.add_argument("--quick", action="store_true", help="100 Hz only")
     parser.add_argument("--stiffness", type=float, default=500.0, help="K of the coupling, N/m")
     chosen = parser.parse_args(arguments)
+    if not chosen.stiffness > 0:
+        parser.error("stiffness must be above 0")
     coupling = Coupling(chosen.stiffness, 0.04)
     rest = 2.25 if chosen.quick else 4.25
     hand, seconds = Hand(rest=rest), rest + 1.25

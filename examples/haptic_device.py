@@ -254,6 +254,8 @@ def bound(coupling):
 def build(scene, folder):
     """The FMU of a scene."""
     program = os.environ.get("TISSUE_FMU", ROOT / "target/release/tissue-fmu")
+    if not Path(program).exists():
+        sys.exit(f"{program}: is not there; must be built with cargo build --release, or be named by TISSUE_FMU")
     path = Path(folder) / (Path(scene).stem + ".fmu")
     done = subprocess.run([program, "build", scene, "-o", path], capture_output=True, text=True)
     if done.returncode:
@@ -269,6 +271,8 @@ def main(arguments=None):
     parser.add_argument("--friction", type=float, default=0.0, help="Coulomb friction of the device, N")
     parser.add_argument("--delay", type=int, default=0, choices=(0, 1), help="ticks")
     chosen = parser.parse_args(arguments)
+    if not (chosen.seconds > 0 and chosen.stiffness > 0 and chosen.damping >= 0 and chosen.friction >= 0):
+        parser.error("seconds and stiffness must be above 0, damping and friction 0 or more")
     coupling = Coupling(chosen.stiffness, chosen.damping)
     loop = Loop(Device(friction=chosen.friction), Hand(), coupling, chosen.delay)
     seen = {"force": 0.0, "stiffness": 0.0, "static": 0.0, "least": 0.0, "jump": 0.0, "last": 0.0, "contacts": 0,

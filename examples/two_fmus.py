@@ -17,6 +17,7 @@ Needs fmpy, ecospy with tbb, libcosimpy, a C compiler, and the program: TISSUE_F
 import argparse
 import ctypes
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -41,6 +42,8 @@ def build_device(folder):
     # Products are not contracted into sums, so that each operation rounds as Python's does.
     line = [os.environ.get("CC", "cc"), "-std=c99", "-Wall", "-Wextra", "-O2", "-ffp-contract=off", "-fPIC", "-shared",
             "-fvisibility=hidden", SOURCE / "device.c", "-o", library]
+    if not shutil.which(line[0]):
+        sys.exit(f"{line[0]}: is not there; must be a C compiler, or CC must name one")
     done = subprocess.run(line, capture_output=True, text=True)
     if done.returncode:
         sys.exit(done.stderr.strip())
