@@ -17,6 +17,7 @@ Needs fmpy, ecospy with tbb, libcosimpy, a C compiler, and the program: TISSUE_F
 import argparse
 import ctypes
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -40,7 +41,7 @@ def build_device(folder):
     """The device's FMU, for the platform at hand."""
     library = Path(folder) / f"haptic_device{sharedLibraryExtension}"
     # Products are not contracted into sums, so that each operation rounds as Python's does.
-    line = [os.environ.get("CC", "cc"), "-std=c99", "-Wall", "-Wextra", "-O2", "-ffp-contract=off", "-fPIC", "-shared",
+    line = [*shlex.split(os.environ.get("CC", "cc")), "-std=c99", "-Wall", "-Wextra", "-O2", "-ffp-contract=off", "-fPIC", "-shared",
             "-fvisibility=hidden", SOURCE / "device.c", "-o", library]
     if not shutil.which(line[0]):
         sys.exit(f"{line[0]}: is not there; must be a C compiler, or CC must name one")
