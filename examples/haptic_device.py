@@ -14,8 +14,8 @@ the tool that it leads, at each tick, F being the tissue's force on the tool:
 A tick reads x, solves for y and f, steps the FMU to y, and holds f. F is that of the tick before (delay 0); with delay 1
 it is one tick older, as where a master steps device and tissue side by side. The pose has no delay in either.
 
-The sampled loop is passive towards any hand where b > K T / 2 + |B| (Colgate and Brown), whatever the tissue is: it and
-the tool's inertia lie behind K, and take the more energy the softer they are.
+The sampled loop gives no hand energy where b > K T / 2 + |B| (Colgate and Brown, of a wall behind the coupling); how near that
+is with tissue behind it, co_design.py measures.
 
 Needs fmpy, and the program: TISSUE_FMU, or target/release/tissue-fmu.
 """
