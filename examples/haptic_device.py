@@ -12,7 +12,8 @@ the tool that it leads, at each tick, F being the tissue's force on the tool:
     e = x - y,   f = K e + B (e - e_last) / T,   m_t (v - v_last) / T = f + F,   v = (y - y_last) / T
 
 A tick reads x, solves for y and f, steps the FMU to y, and holds f. F is that of the tick before (delay 0); with delay 1
-it is one tick older, as where a master steps device and tissue side by side. The pose has no delay in either.
+it is one tick older, as where a master steps device and tissue side by side: there it is the pose that comes a tick later,
+which is the same to the loop.
 
 The sampled loop gives no hand energy where b > K T / 2 + |B| (Colgate and Brown, of a wall behind the coupling); how near that
 is with tissue behind it, co_design.py measures.
