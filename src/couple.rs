@@ -278,7 +278,12 @@ impl Coupling {
             for (node, b) in pressed.nodes.iter().zip(pressed.weight) {
                 for axis in (0..3).filter(|a| b * pressed.force[*a] != 0.0) {
                     let f = b * pressed.force[axis];
-                    let dof = 3 * (*node as usize - model.parts.moving) + axis;
+                    let Some(inside) = (*node as usize).checked_sub(model.parts.moving) else {
+                        let k = *node as usize - model.parts.connected_from();
+                        self.force[3 * k + axis] += f;
+                        continue;
+                    };
+                    let dof = 3 * inside + axis;
                     add_scaled(&mut self.force, f, part.influence(dof));
                     let column = part.compliance(dof);
                     for (given, held) in self.given.iter_mut().zip(&self.held) {
@@ -413,8 +418,10 @@ impl Coupling {
     fn pressed_along(&self, model: &Model, field: &[f64]) -> f64 {
         let along = |p: &Pressed| -> f64 {
             let each = p.nodes.iter().zip(p.weight).map(|(node, b)| {
-                let first = 3 * (*node as usize - model.parts.moving);
-                b * dot(p.force.as_slice(), &field[first..first + 3])
+                let inside = (*node as usize).checked_sub(model.parts.moving);
+                inside.map_or(0.0, |k| {
+                    b * dot(p.force.as_slice(), &field[3 * k..3 * k + 3])
+                })
             });
             each.sum()
         };
@@ -490,9 +497,11 @@ impl Coupling {
             }
             for pressed in &self.pressed {
                 for (node, b) in pressed.nodes.iter().zip(pressed.weight) {
+                    let Some(inside) = (*node as usize).checked_sub(model.parts.moving) else {
+                        continue;
+                    };
                     for axis in (0..3).filter(|a| b * pressed.force[*a] != 0.0) {
-                        let column =
-                            part.compliance(3 * (*node as usize - model.parts.moving) + axis);
+                        let column = part.compliance(3 * inside + axis);
                         add_scaled(now, b * pressed.force[axis], &column[dofs.clone()]);
                     }
                 }

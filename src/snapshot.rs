@@ -392,10 +392,12 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     for _ in 0..input.index(usize::MAX)? {
         let tool = input.index(tools)? as u32;
         let mut touched = [0; 3];
-        for node in &mut touched {
-            let inside = input.index(nodes)?.checked_sub(model.parts.moving);
-            let inside = inside.filter(|i| *i < model.parts.touchable);
-            *node = (model.parts.moving + inside.ok_or(SnapshotError::Damaged)?) as u32;
+        for touched in &mut touched {
+            let node = input.index(model.parts.moving + model.parts.touchable)?;
+            if node < model.parts.connected_from() {
+                return Err(SnapshotError::Damaged);
+            }
+            *touched = node as u32;
         }
         state.coupling.pressed.push(Pressed {
             tool,

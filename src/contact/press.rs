@@ -12,7 +12,7 @@
 //! quadratic, so that the trapezoid of forces along displacements is all that the tissue takes up; the rest of what the tool
 //! does is friction.
 
-use super::slide::{Place, Scratch, Substep, within_cone};
+use super::slide::{Contact, Place, Scratch, Substep, within_cone};
 use crate::couple::Coupling;
 use crate::mesh::Vec3;
 use crate::model::Model;
@@ -177,12 +177,16 @@ impl Press {
             return;
         };
         let size = 3 * self.nodes.len();
+        let from = self
+            .nodes
+            .partition_point(|v| (*v as usize) < model.parts.moving);
         let dof = |k: usize| 3 * (self.nodes[k / 3] as usize - model.parts.moving) + k % 3;
         self.compliance.clear();
         self.compliance.resize(size * size, 0.0);
-        for (k, row) in self.compliance.chunks_mut(size.max(1)).enumerate() {
+        let rows = self.compliance.chunks_mut(size.max(1)).enumerate();
+        for (k, row) in rows.skip(3 * from) {
             let g = part.compliance(dof(k));
-            for (l, c) in row.iter_mut().enumerate() {
+            for (l, c) in row.iter_mut().enumerate().skip(3 * from) {
                 *c = g[dof(l)];
             }
             if self.held.is_empty() {
@@ -191,7 +195,7 @@ impl Press {
             self.column.clear();
             (self.column).extend(self.held.iter().map(|h| g[*h as usize]));
             coupling.yield_to(&mut self.column);
-            for (l, c) in row.iter_mut().enumerate() {
+            for (l, c) in row.iter_mut().enumerate().skip(3 * from) {
                 let g = part.compliance(dof(l));
                 let pairs = self.held.iter().zip(&self.column);
                 *c -= pairs.map(|(h, y)| g[*h as usize] * y).sum::<f64>();
@@ -315,9 +319,7 @@ pub fn press(
     substep: &Substep,
     impulse: &mut [Vec3],
 ) {
-    let first = model.parts.moving as u32;
-    let is_inside = |c: &super::slide::Contact| c.nodes[0] >= first;
-    if state.coupling.pressed.is_empty() && !state.contacts.iter().any(is_inside) {
+    if state.coupling.pressed.is_empty() && !state.contacts.iter().any(Contact::stays) {
         state.coupling.solve(model, &state.displacement);
         return;
     }
@@ -331,7 +333,13 @@ pub fn press(
         if !known(*v, &press.before) {
             refresh(model, state, *v);
         }
-        press.old.push(state.displacement[*v as usize].xyz());
+        let i = *v as usize;
+        // What moves has moved.
+        let back = match i < model.parts.moving {
+            true => state.velocity[i].xyz() * substep.by.substep,
+            false => Vec3::zeros(),
+        };
+        press.old.push(state.displacement[i].xyz() - back);
     }
     state.coupling.leave(model, &state.displacement);
     press.free.clear();
@@ -374,12 +382,11 @@ fn start(state: &State, press: &mut Press) {
 
 /// Which nodes may be touched in this substep.
 fn follow(model: &Model, state: &State, work: &mut Scratch, substep: &Substep) {
-    let first = model.parts.moving as u32;
     let (press, shape) = (&mut work.press, &mut work.shape);
     press.nodes.clear();
     let periods = 1.0 / (model.scene.integration.haptic_rate * substep.by.substep);
     let (mut of, mut slack) = (u32::MAX, 0.0);
-    for contact in state.contacts.iter().filter(|c| c.nodes[0] >= first) {
+    for contact in state.contacts.iter().filter(|c| c.stays()) {
         let k = contact.tool as usize;
         if contact.tool != of {
             of = contact.tool;
@@ -412,8 +419,9 @@ fn refresh(model: &Model, state: &mut State, node: u32) {
         held,
         ..
     } = state;
-    let inside = node as usize - model.parts.moving;
-    coupling.update(model, displacement, held, inside..inside + 1);
+    if let Some(inside) = (node as usize).checked_sub(model.parts.moving) {
+        coupling.update(model, displacement, held, inside..inside + 1);
+    }
 }
 
 /// After pre-computed tissue has jumped, its forces being as they were: brings what is pressed up to date.
@@ -427,12 +435,11 @@ pub(crate) fn follow_jump(model: &Model, state: &mut State) {
 
 /// What touches at the end of the substep, or did in the one before.
 fn touch(model: &Model, state: &mut State, work: &mut Scratch, substep: &Substep) {
-    let first = model.parts.moving as u32;
     let (press, shape) = (&mut work.press, &mut work.shape);
     press.touches.clear();
     let mut of = u32::MAX;
     for (at, contact) in state.contacts.iter_mut().enumerate() {
-        if contact.nodes[0] < first {
+        if !contact.stays() {
             continue;
         }
         let k = contact.tool as usize;

@@ -35,6 +35,9 @@ const SETTLED: f64 = 1e-4;
 const MARGIN: f64 = 0.25;
 /// Longest that an edge may be, in rest lengths of the longest.
 pub(crate) const STRETCH: f64 = 1.25;
+/// Weight of pre-computed vertices in a place of a face that belongs to both parts, at least: with less, the others would be held
+/// by however little these give.
+const LEAST_INSIDE: f64 = 0.7;
 /// Depth, in radii, that a substep makes good at most: what is deeper comes out over several.
 pub(super) const MOST_DEPTH: f64 = 0.1;
 
@@ -72,6 +75,11 @@ impl Contact {
             Place::At(weight) => weight.map(f64::to_bits),
         };
         (self.tool, self.capsule, self.nodes, place)
+    }
+
+    /// Whether it is on tissue without mass.
+    pub(super) fn stays(&self) -> bool {
+        matches!(self.place, Place::At(_))
     }
 
     /// Weights of the nodes, at x, and the point of the axis that are nearest to each other; none where another place is
@@ -281,9 +289,6 @@ fn find_near(
         if !nodes.iter().all(|v| *v < touchable && near[*v as usize]) {
             continue;
         }
-        // What belongs to both parts is touched at its vertices: a place between them would hold the moving ones by
-        // however little the others give.
-        let is_mixed = nodes.iter().any(|v| *v < moving) && nodes.iter().any(|v| *v >= moving);
         let x = nodes.map(|v| live.rest[v as usize] + displacement[v as usize].xyz());
         let middle = (x[0] + x[1] + x[2]) / 3.0;
         let normal = (x[1] - x[0]).cross(&(x[2] - x[0]));
@@ -297,43 +302,38 @@ fn find_near(
         let mut sorted = nodes;
         sorted.sort_unstable();
         let at = sorted.map(|v| live.rest[v as usize] + displacement[v as usize].xyz());
-        if sorted[0] >= moving {
+        if sorted[2] >= moving {
             let rest = sorted.map(|v| live.rest[v as usize]);
             press::places(&rest, capsule.radius, |weight| {
                 let place = at[0] * weight[0] + at[1] * weight[1] + at[2] * weight[2];
-                if capsule.axis_distance(&place) <= reach {
+                let inside = sorted.iter().zip(weight).filter(|(v, _)| **v >= moving);
+                let is_inside = inside.map(|(_, b)| b).sum::<f64>() >= LEAST_INSIDE;
+                if is_inside && capsule.axis_distance(&place) <= reach {
                     let (nodes, weight) = press::compact(sorted, weight);
                     add(c, nodes, Place::At(weight));
                 }
             });
-            continue;
         }
         let above = |x: &Vec3| (x - middle).dot(&normal).abs() <= reach * normal.norm();
-        if above(&capsule.tip) && !is_mixed {
+        if above(&capsule.tip) && sorted[2] < moving {
             add(c, sorted, Place::Nearest);
         }
-        if capsule.tip != capsule.end && above(&capsule.end) && !is_mixed {
+        if capsule.tip != capsule.end && above(&capsule.end) && sorted[2] < moving {
             add(c, sorted, Place::NearestEnd);
         }
         let distance = at.map(|x| capsule.axis_distance(&x));
         for (a, b) in [(0, 1), (1, 2), (0, 2)] {
-            let is_mixed = (sorted[a] < moving) != (sorted[b] < moving);
             let between = capsule
                 .nearest_on_edge(&at[a], &at[b])
                 .map(|(share, on_axis)| (at[a] + (at[b] - at[a]) * share - on_axis).norm());
             let nearest = between.unwrap_or(distance[a].min(distance[b]));
-            // Between pre-computed vertices the other face lists places.
-            if nearest <= reach && !is_mixed && sorted[a] < moving {
+            if nearest <= reach && sorted[b] < moving {
                 add(c, [sorted[a], sorted[b], sorted[b]], Place::Nearest);
             }
         }
         for (v, distance) in sorted.into_iter().zip(distance) {
-            if distance <= reach {
-                let place = match v < moving {
-                    true => Place::Nearest,
-                    false => Place::At([1.0, 0.0, 0.0]),
-                };
-                add(c, [v; 3], place);
+            if distance <= reach && v < moving {
+                add(c, [v; 3], Place::Nearest);
             }
         }
     }
@@ -423,7 +423,7 @@ fn touch(
     let mut of = u32::MAX;
     for at in 0..state.contacts.len() {
         let contact = &mut state.contacts[at];
-        if contact.nodes[0] as usize >= model.parts.moving {
+        if contact.stays() {
             continue;
         }
         let last = match from {
