@@ -5,7 +5,6 @@ no layer's correction, no guess of how far is far enough. Its mesh is rings abou
 """
 
 import csv
-from pathlib import Path
 
 import halfspace
 import meshes
@@ -93,6 +92,13 @@ def test_the_closed_form():
         assert np.abs((1 - 2 * POISSON) * laplace + swell).max() < 1e-2 * np.abs(swell).max()
 
 
+def close(force, exact, low, high):
+    """Its relative error; a test's bounds are not far from what was seen, so that one which gets better shows, too."""
+    error = force / exact - 1
+    print(f"{100 * error:+.2f} %")
+    assert low < error < high
+
+
 def statics(problem, held, value):
     """Displacement and reactions of the oracle's stiffness, by conjugate gradients."""
     matrix = problem.tissue.stiffness()
@@ -115,25 +121,37 @@ def agrees(problem, found, force, held):
     assert np.linalg.norm(force - known) < 1e-6 * np.linalg.norm(known)
 
 
-@pytest.mark.parametrize("element, count, bound", [("nodalAveraged", 6, 0.01), ("constantStrain", 6, 0.14), ("constantStrain", 13, 0.05)])
-def test_a_flat_punch_without_friction(element, count, bound, reference):
-    """`prescribed` along z alone. Constant strain errs by its cells: 3.6 mm/n."""
-    problem = punched(element, count)
+@pytest.mark.parametrize("element, low, high", [("nodalAveraged", -0.01, 0.01), ("constantStrain", 0.1, 0.14)])
+def test_a_flat_punch_without_friction(element, low, high, reference):
+    """`prescribed` along z alone."""
+    problem = punched(element)
     under = top(problem, PUNCH)
     problem.prescribe(under, [None, None, -SINK], 0.0)
     found = reference(problem.scene)
     force = -sum(found["reaction"][str(i)][2] for i in under)
-    if count == 6:
-        u, known = statics(problem, problem.held, problem.value)
-        same(np.array(found["displacement"]), u)
-        assert force == pytest.approx(-known[under, 2].sum(), rel=1e-6)
-    print(element, force / halfspace.punch_force(YOUNG, POISSON, PUNCH, SINK) - 1)
-    assert force == pytest.approx(halfspace.punch_force(YOUNG, POISSON, PUNCH, SINK), rel=bound)
+    u, known = statics(problem, problem.held, problem.value)
+    same(np.array(found["displacement"]), u)
+    assert force == pytest.approx(-known[under, 2].sum(), rel=1e-6)
+    close(force, halfspace.punch_force(YOUNG, POISSON, PUNCH, SINK), low, high)
 
 
-@pytest.mark.parametrize("element, bound", [("nodalAveraged", 0.01), ("constantStrain", 0.14)])
-def test_a_flat_punch_that_sticks(element, bound, build):
-    """A grasper takes a round patch and goes down. On wall and bottom a punch that sticks is as good as one that slides."""
+def test_a_flat_punch_on_finer_cells(reference):
+    """Constant strain errs by the size of its cells."""
+    problem = punched("constantStrain", 8)
+    under = top(problem, PUNCH)
+    problem.prescribe(under, [None, None, -SINK], 0.0)
+    found = reference(problem.scene)
+    force = -sum(found["reaction"][str(i)][2] for i in under)
+    close(force, halfspace.punch_force(YOUNG, POISSON, PUNCH, SINK), 0.07, 0.09)
+
+
+@pytest.mark.parametrize("element, low, high", [("nodalAveraged", -0.01, 0.01), ("constantStrain", 0.1, 0.14)])
+def test_a_flat_punch_that_sticks(element, low, high, build):
+    """A grasper takes a round patch and goes down.
+
+    Wall and bottom have the field of a punch that slides. From drums of 2, 3 and 4.5 radii either punch's error is the same to
+    0.1 %.
+    """
     problem = punched(element, ramp=0.05)
     inside = np.unique(np.round(np.hypot(*problem.nodes[top(problem, PUNCH)][:, :2].T), 9))[-2]
     chord = PUNCH * np.cos(np.pi / 36)
@@ -152,8 +170,7 @@ def test_a_flat_punch_that_sticks(element, bound, build):
     held = np.flatnonzero(np.abs(found[:, 2] + SINK) < 1e-9)
     assert set(held) == set(top(problem, PUNCH))
     agrees(problem, found, force, held)
-    print(element, force[2] / halfspace.bonded_force(YOUNG, POISSON, PUNCH, SINK) - 1)
-    assert force[2] == pytest.approx(halfspace.bonded_force(YOUNG, POISSON, PUNCH, SINK), rel=bound)
+    close(force[2], halfspace.bonded_force(YOUNG, POISSON, PUNCH, SINK), low, high)
 
 
 BALL, DEPTH = 0.03, 0.0012
@@ -179,22 +196,21 @@ def lowered(instance, ticks):
         instance.step(1e-3)
 
 
-@pytest.mark.parametrize("element", ELEMENTS)
-def test_a_ball_that_slides(element, build):
-    """Vertices that touch are nowhere in the ball; the mean force over a tenth of a second."""
+@pytest.mark.parametrize("element, low, high", [("nodalAveraged", -0.01, 0.01), ("constantStrain", 0.07, 0.1)])
+def test_a_ball_that_slides(element, low, high, build):
     problem = balled(element, 0.0, 0.0)
     problem.set(start="equilibrium", integration={"scheme": "symplecticEuler"})
     with Instance(build(problem.scene)) as instance:
         lowered(instance, 50)
         instance.step(0.2)
         instance.step(0.1)
-        felt, mean = instance.vector("tool[1].force")[2], instance.vector("tool[1].meanForce")[2]
-    exact = halfspace.ball_force(YOUNG, POISSON, BALL, DEPTH)
-    print(element, len(problem.tetrahedra), felt / exact - 1, mean / exact - 1)
+        # Where hundreds of places touch `force` jitters by a per cent; what the tissue has been given does not.
+        force = instance.vector("tool[1].meanForce")[2]
+    close(force, halfspace.ball_force(YOUNG, POISSON, BALL, DEPTH), low, high)
 
 
-@pytest.mark.parametrize("element", ELEMENTS)
-def test_a_ball_that_sticks(element, build):
+@pytest.mark.parametrize("element, low, high", [("nodalAveraged", 0.09, 0.12), ("constantStrain", 0.17, 0.2)])
+def test_a_ball_that_sticks(element, low, high, build):
     """All three vertices of a triangle that is touched are held, so that the patch is larger than the contact."""
     problem = balled(element, "stick", 0.1)
     problem.set(model={"kind": "quasiStatic", "touchable": {"nodes": top(problem, 1.6 * CONTACT).tolist()}})
@@ -208,5 +224,42 @@ def test_a_ball_that_sticks(element, build):
         moved = instance.positions() - problem.nodes - found
     held = np.flatnonzero(np.abs(moved - [0, 0, -1e-7]).max(axis=1) < 1e-13)
     agrees(problem, found, force, held)
-    exact = halfspace.ball_force(YOUNG, POISSON, BALL, DEPTH)
-    print(element, len(held), np.hypot(*problem.nodes[held][:, :2].T).max() / CONTACT, force[2] / exact - 1)
+    close(force[2], halfspace.ball_force(YOUNG, POISSON, BALL, DEPTH), low, high)
+
+
+BLOCKS = [
+    (0.02, "five", "nodalAveraged", -0.02, 0.02),
+    (0.02, "kuhn", "nodalAveraged", -0.02, 0.02),
+    (0.06, "five", "nodalAveraged", -0.02, 0.02),
+    (0.06, "kuhn", "nodalAveraged", -0.02, 0.02),
+    (0.02, "five", "constantStrain", 0.1, 0.14),
+    (0.06, "five", "constantStrain", 0.03, 0.06),
+]
+
+
+@pytest.mark.parametrize("radius, pattern, element, low, high", BLOCKS)
+def test_a_ball_on_a_block(radius, pattern, element, low, high, build):
+    """6 mm into about 7 000 tetrahedra, without friction, against converged quadratic bricks."""
+    problem = pressed.problem(radius, pattern, element)
+    force, left = pressed.values()[radius]
+    assert left < 0.003 * force
+    centre = problem.scene["tools"][0]["position"][:2]
+    with Instance(build(problem.scene)) as instance:
+        for k in range(1, 151):
+            instance.place(1, [*centre, pressed.SIZE + radius - pressed.DEPTH * k / 150])
+            instance.step(1e-3)
+        instance.step(0.3)
+        instance.step(0.1)
+        found = instance.vector("tool[1].meanForce")[2]
+    close(found, force, low, high)
+
+
+@pytest.mark.parametrize("radius", pressed.RADII)
+@pytest.mark.parametrize("element", ["tetrahedra", "bricks"])
+def test_the_converged_values(radius, element):
+    """The coarse end of the ladder is what the table says."""
+    with pressed.TABLE.open() as file:
+        known = [r for r in csv.DictReader(file) if (r["radius mm"], r["element"]) == (f"{1e3 * radius:.0f}", element)]
+    size, force = pressed.converged(radius, element, 1)
+    assert known[0]["degrees of freedom"] == str(size)
+    assert float(known[0]["force N"]) == pytest.approx(force, rel=1e-5)
