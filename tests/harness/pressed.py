@@ -1,12 +1,12 @@
-"""A frictionless ball pressed 6 mm into a block: converged values, and what is left of them on the product's mesh (slow; by hand).
+"""A frictionless ball pressed 6 mm into a block: the converged force, and errors on the product's mesh (slow; by hand).
 
     OMP_NUM_THREADS=1 python tests/harness/pressed.py [--contact]
 
-The block is the 6 cm cube of the studies, nu = 0.45, linear, held at its bottom; the ball comes down on the middle of its top. Writes
-pressed.csv: the force by quadratic tetrahedra and bricks on a quarter of it, on graded meshes of `level` times as many cells.
-With --contact writes pressed_contact.csv instead: the force on the product's mesh (cells into five) by its elements' stiffness,
-sought here with contact at vertices, at seven points a triangle and, of the smaller ball, wherever a triangle is nearest; so
-each element's error stands apart from that of the contact.
+The block is the 6 cm cube of the studies, nu = 0.45, linear, held at its bottom; the ball comes down on the middle of
+its top. Writes pressed.csv: the force by quadratic tetrahedra and bricks on a quarter of it, on graded meshes of
+`level` times as many cells a side. With --contact writes pressed_contact.csv instead: the force on the product's mesh
+(cells into five) by its elements' stiffness, sought here with contact at vertices, at seven points a triangle and, of
+the smaller ball, wherever a triangle is nearest; so each element's error stands apart from that of the contact.
 """
 
 import csv
@@ -64,7 +64,8 @@ def converged(radius, element, level):
         nodes, cells = quadratic(*meshes.oriented(*meshes.on_lines(meshes.six(count, count), lines)))
         body = Body(nodes, cells, material)
         # Faces opposite to a corner, with the numbers of their nodes in the middles of edges.
-        faces = np.concatenate([cells[:, f] for f in ([1, 2, 3, 5, 9, 8], [0, 2, 3, 6, 9, 7], [0, 1, 3, 4, 8, 7], [0, 1, 2, 4, 5, 6])])
+        corners = ([1, 2, 3, 5, 9, 8], [0, 2, 3, 6, 9, 7], [0, 1, 3, 4, 8, 7], [0, 1, 2, 4, 5, 6])
+        faces = np.concatenate([cells[:, f] for f in corners])
         faces = faces[np.abs(nodes[faces][:, :, 2] - SIZE).max(axis=1) < 1e-12]
         places = on_triangles(nodes, faces[np.hypot(*nodes[faces].min(axis=1)[:, :2].T) < near])
     held = np.abs(nodes) < 1e-12
@@ -105,11 +106,11 @@ def on_its_mesh(radius, pattern, element):
 
 
 def values():
-    """Radius [m] to the converged force [N], by bricks, and what it may be off: the last change or the other element's value."""
+    """Radius [m] to the converged force [N] by bricks, and what it may be off: the last change or the other element's."""
     with TABLE.open() as file:
-        rows = [(float(r["radius mm"]) / 1e3, r["element"], int(r["level"]), float(r["force N"])) for r in csv.DictReader(file)]
-    known = {row[:3]: row[3] for row in rows}
-    last = max(row[2] for row in rows)
+        rows = list(csv.DictReader(file))
+    known = {(float(r["radius mm"]) / 1e3, r["element"], int(r["level"])): float(r["force N"]) for r in rows}
+    last = max(level for _, _, level in known)
     return {
         radius: (known[radius, "bricks", last], max(
             abs(known[radius, "bricks", last] - other)
