@@ -146,3 +146,37 @@ def inside(points, low, high, tolerance=1e-9):
 
 def centroids(nodes, tetrahedra):
     return nodes[tetrahedra].mean(axis=1)
+
+
+def drum(radii, counts, heights):
+    """Round the z axis: rings of points about its middle, on planes at these heights, three tetrahedra a prism.
+
+    `counts`: points on each ring; from ring to ring of as many the points are turned by half a gap.
+    """
+    points, angles, turn = [np.zeros((1, 2))], [np.zeros(1)], 0.0
+    for k, (radius, count) in enumerate(zip(radii, counts)):
+        turn = 0.5 - turn if k and count == counts[k - 1] else 0.0
+        angles.append(2 * np.pi * (np.arange(count) + turn) / count)
+        points.append(radius * np.stack([np.cos(angles[-1]), np.sin(angles[-1])], axis=1))
+    first = np.cumsum([0, 1, *counts])
+    triangles = [[0, 1 + k, 1 + (k + 1) % counts[0]] for k in range(counts[0])]
+    for ring in range(1, len(counts)):
+        inner, outer = (np.append(each, each[0] + 2 * np.pi) for each in angles[ring : ring + 2])
+        i, j, last = 0, 0, (len(inner) - 1, len(outer) - 1)
+        while (i, j) != last:
+            a, b = first[ring] + i % last[0], first[ring + 1] + j % last[1]
+            # The shorter of the two diagonals.
+            if i == last[0] or (j < last[1] and outer[j + 1] - inner[i] <= inner[i + 1] - outer[j] + 1e-9):
+                j += 1
+                triangles.append([a, b, first[ring + 1] + j % last[1]])
+            else:
+                i += 1
+                triangles.append([a, b, first[ring] + i % last[0]])
+    plane, low = np.concatenate(points), np.sort(triangles, axis=1)
+    nodes = np.concatenate([np.column_stack([plane, np.full(len(plane), h)]) for h in heights])
+    tetrahedra = []
+    for k in range(len(heights) - 1):
+        # From the lower node below to the higher one above, or the other way round in every other layer.
+        (a, b, c), (d, e, f) = (low.T + (k + side) * len(plane) for side in ((0, 1), (1, 0))[k % 2])
+        tetrahedra += [np.stack(each, axis=1) for each in ((a, b, c, f), (a, b, e, f), (a, d, e, f))]
+    return oriented(nodes, np.concatenate(tetrahedra))
