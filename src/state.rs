@@ -293,6 +293,13 @@ impl State {
         self.external[node] = force.into();
     }
 
+    /// Whether tool `k` holds or touches anything.
+    pub(crate) fn is_felt_by(&self, k: usize) -> bool {
+        let k = k as u32;
+        self.held.iter().any(|h| h.tool == Some(k))
+            || (self.contacts.iter()).any(|c| c.tool == k && c.force != Vec3::zeros())
+    }
+
     /// Current position \[m\]; of a node that is never known, its rest position.
     pub fn position(&self, node: u32) -> Vec3 {
         let displacement = self.displacement.get(node as usize);

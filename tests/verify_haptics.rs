@@ -164,6 +164,30 @@ fn derivatives_equal_perturb_step_restore() {
 }
 
 /// Nodes that a support holds on one axis do not follow the tool on it.
+/// Where no place comes or goes, and what rubs goes on rubbing.
+#[test]
+fn derivatives_of_what_slides() {
+    const QUASI_STATIC: &str = r#"{"kind": "quasiStatic"}"#;
+    for model in [LINEAR, VENANT, QUASI_STATIC, MIXED] {
+        for friction in ["0", "0.3"] {
+            let sliding = format!(r#""probe", "friction": {friction}, "shape": {{"sphere""#);
+            let text = block(model, "{}").replace(r#""probe", "shape": {"sphere""#, &sliding);
+            let mut s = driven(&text, 1e-3);
+            assert!(s.tool(2).in_contact);
+            let stiffness = s.tangent(2, 2, 2).unwrap()[2];
+            assert!(stiffness.abs() > 10.0, "{stiffness}");
+            // What has hardly begun to slip has no derivative.
+            for k in 1..=6 {
+                s.set_pose_input(2, 0, 0.01 + 2e-4 * f64::from(k));
+                if k < 6 {
+                    s.step(1e-3).unwrap();
+                }
+            }
+            compare(&mut s, 1e-3, 5e-8, &format!("{model} friction {friction}"));
+        }
+    }
+}
+
 #[test]
 fn derivatives_of_what_supports_hold_too() {
     let text = block(LINEAR, &scheme("symplecticEuler")).replace(

@@ -22,7 +22,7 @@ use crate::state::State;
 /// Passes through the places at most.
 const MOST_PASSES: usize = 300;
 /// Passes end when no force changes by more than this share of the largest.
-const SETTLED: f64 = 1e-9;
+const SETTLED: f64 = 1e-11;
 /// Times that it is looked what touches, and how, where tissue has gone.
 const ROUNDS: u32 = 3;
 /// Places that are at most this far away, in radii, are followed from substep to substep.

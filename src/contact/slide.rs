@@ -27,9 +27,9 @@ use crate::scene::{Friction, ToolKind};
 use crate::state::State;
 
 /// Passes through the places of a substep at most.
-const MOST_PASSES: usize = 40;
+const MOST_PASSES: usize = 100;
 /// Passes end when no force changes by more than this share of the largest.
-const SETTLED: f64 = 1e-4;
+const SETTLED: f64 = 1e-11;
 /// What is nearer than this share of the radius at a haptic tick, and what tool and tissue can move until the next one,
 /// is looked at.
 const MARGIN: f64 = 0.25;
@@ -128,13 +128,40 @@ struct Touch {
     /// v_t \[m/s\], and in the substep before.
     tool: Vec3,
     before: Vec3,
-    /// What M^-1 is multiplied by \[s\].
-    gain: f64,
     /// n . W n, and the largest of W \[m/(s N)\].
     along: f64,
     across: f64,
     friction: f64,
     force: Vec3,
+    /// gain b_i / m_i of each node, and how many there are.
+    push: [Lane; 3],
+    count: usize,
+    /// Of the force, in the last pass, and the direction of the passes so far.
+    change: Vec3,
+    along_way: Vec3,
+}
+
+impl Touch {
+    #[inline(always)]
+    fn give(&self, force: &Vec3, velocity: &mut [Lane]) {
+        for (i, push) in self.nodes[..self.count].iter().zip(&self.push) {
+            let v = &mut velocity[*i].0;
+            for axis in 0..3 {
+                v[axis] += push.0[axis] * force[axis];
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn velocity(&self, velocity: &[Lane]) -> Vec3 {
+        let mut sum = [0.0; 3];
+        for (i, b) in self.nodes[..self.count].iter().zip(self.weight) {
+            for axis in 0..3 {
+                sum[axis] += b * velocity[*i].0[axis];
+            }
+        }
+        Vec3::from(sum)
+    }
 }
 
 /// Reused from substep to substep.
@@ -365,8 +392,7 @@ pub fn push(
     for node in &work.nodes {
         work.swept[*node as usize] = state.velocity[*node as usize];
     }
-    let (touches, inverse_mass) = (&mut work.touches, &state.inverse_mass);
-    solve(touches, by.substep, inverse_mass, &mut state.velocity);
+    solve(&mut work.touches, by.substep, &mut state.velocity);
     let (lag, h) = (state.clock.lag, by.substep);
     for node in &work.nodes {
         let i = *node as usize;
@@ -441,10 +467,15 @@ fn touch(
         let nodes = contact.nodes.map(|v| v as usize);
         // The sweep has moved them on, as if nothing held them.
         let back = from.map_or(0.0, |_| by.substep);
-        let x = nodes.map(|i| {
+        let stands = |i: usize| {
             let u = state.displacement[i].xyz() - state.velocity[i].xyz() * back;
             state.live.rest[i] + u
-        });
+        };
+        let first = stands(nodes[0]);
+        let x = match nodes[0] == nodes[2] {
+            true => [first; 3],
+            false => [first, stands(nodes[1]), stands(nodes[2])],
+        };
         let Some((weight, on_axis)) = contact.weights(capsule, &x) else {
             continue;
         };
@@ -464,10 +495,14 @@ fn touch(
             continue;
         }
         let gain = gain(state, nodes[0], by);
-        let mut w = Vec3::zeros();
-        for (i, b) in nodes.iter().zip(weight) {
+        let (mut w, mut push, mut count) = (Vec3::zeros(), [Lane::default(); 3], 0);
+        for (k, (i, b)) in nodes.iter().zip(weight).enumerate() {
+            if b != 0.0 {
+                count = k + 1;
+            }
             for axis in 0..3 {
-                w[axis] += b * b * gain * state.inverse_mass[*i].0[axis];
+                push[k].0[axis] = gain * b * state.inverse_mass[*i].0[axis];
+                w[axis] += b * push[k].0[axis];
             }
         }
         let along = normal.dot(&normal.component_mul(&w));
@@ -492,11 +527,14 @@ fn touch(
             } else {
                 contact.velocity
             },
-            gain,
             along,
             across: w.max(),
             friction: coefficient(model, k).unwrap_or(0.0),
             force: last,
+            push,
+            count,
+            change: Vec3::zeros(),
+            along_way: Vec3::zeros(),
         });
     }
     work.nodes.sort_unstable();
@@ -513,42 +551,49 @@ pub(super) fn within_cone(n: &Vec3, friction: f64, force: Vec3, pressed: f64) ->
     }
 }
 
-/// Forces of all that touches, and the velocities they lead to.
-fn solve(touches: &mut [Touch], h: f64, inverse_mass: &[Lane], velocity: &mut [Lane]) {
-    let give = |touch: &Touch, force: &Vec3, velocity: &mut [Lane]| {
-        for (i, b) in touch.nodes.iter().zip(touch.weight) {
-            let (v, w) = (&mut velocity[*i].0, &inverse_mass[*i].0);
-            for axis in 0..3 {
-                v[axis] += touch.gain * b * w[axis] * force[axis];
-            }
-        }
-    };
+/// Forces of all that touches, and the velocities they lead to: Gauss and Seidel's passes, with conjugate directions between
+/// them as long as the passes change ever less. (Silcowitz, Niebe, Erleben 2010.)
+fn solve(touches: &mut [Touch], h: f64, velocity: &mut [Lane]) {
     for touch in touches.iter_mut() {
         // Normals turn; the cone is kept.
         let pressed = touch.force.dot(&touch.normal).max(0.0);
         touch.force = within_cone(&touch.normal, touch.friction, touch.force, pressed);
-        give(touch, &touch.force, velocity);
+        touch.give(&touch.force, velocity);
     }
-    for _ in 0..MOST_PASSES {
-        let (mut change, mut largest) = (0.0f64, 0.0f64);
+    let mut before = 0.0;
+    for pass in 0..MOST_PASSES {
+        let (mut change, mut largest, mut square) = (0.0f64, 0.0f64, 0.0);
         for touch in touches.iter_mut() {
-            let mut v = Vec3::zeros();
-            for (i, b) in touch.nodes.iter().zip(touch.weight) {
-                v += velocity[*i].xyz() * b;
-            }
+            let v = touch.velocity(velocity);
             let n = touch.normal;
             let gap = touch.gap / h + n.dot(&v);
             let pressed = (touch.force.dot(&n) - gap / touch.along).max(0.0);
             let sticking = touch.force - (v - touch.tool) / touch.across;
             let force = within_cone(&n, touch.friction, sticking, pressed);
-            let more = force - touch.force;
+            touch.change = force - touch.force;
             touch.force = force;
-            give(touch, &more, velocity);
-            change = change.max(more.amax());
+            touch.give(&touch.change, velocity);
+            square += touch.change.norm_squared();
+            change = change.max(touch.change.amax());
             largest = largest.max(force.amax());
         }
         if change <= SETTLED * largest {
             break;
+        }
+        let share = match pass {
+            0 => 0.0,
+            _ => square / before,
+        };
+        before = square;
+        for touch in touches.iter_mut() {
+            if share > 1.0 {
+                touch.along_way = Vec3::zeros();
+                continue;
+            }
+            let more = touch.along_way * share;
+            touch.along_way = more + touch.change;
+            touch.force += more;
+            touch.give(&more, velocity);
         }
     }
 }
@@ -567,8 +612,7 @@ pub fn read_forces(model: &Model, state: &mut State, loose: &loose::Scratch, wor
     for touch in &mut work.touches {
         touch.gap = 0.0;
     }
-    let inverse_mass = &state.inverse_mass;
-    solve(&mut work.touches, 1.0, inverse_mass, &mut work.swept);
+    solve(&mut work.touches, 1.0, &mut work.swept);
     for touch in &work.touches {
         let tool = &mut state.tools[state.contacts[touch.at].tool as usize];
         tool.force -= touch.force;
@@ -611,10 +655,11 @@ mod tests {
                     let tilt = Vec3::new(0.2 * random(), 0.2 * random(), -1.0);
                     let normal = tilt.normalize();
                     let gain = 1e-4;
-                    let mut w = Vec3::zeros();
-                    for (i, b) in nodes.iter().zip(weight) {
+                    let (mut w, mut push) = (Vec3::zeros(), [Lane::default(); 3]);
+                    for (k, (i, b)) in nodes.iter().zip(weight).enumerate() {
                         for axis in 0..3 {
-                            w[axis] += b * b * gain * inverse_mass[*i].0[axis];
+                            push[k].0[axis] = b * gain * inverse_mass[*i].0[axis];
+                            w[axis] += b * push[k].0[axis];
                         }
                     }
                     Touch {
@@ -626,16 +671,19 @@ mod tests {
                         gap: 1e-5 * random(),
                         tool: Vec3::new(0.3 * random(), 0.0, 0.0),
                         before: Vec3::zeros(),
-                        gain,
                         along: normal.dot(&normal.component_mul(&w)),
                         across: w.max(),
                         friction,
                         force: Vec3::zeros(),
+                        push,
+                        count: 3,
+                        change: Vec3::zeros(),
+                        along_way: Vec3::zeros(),
                     }
                 })
                 .collect();
             let mut after = velocity;
-            solve(&mut touches, 1e-4, &inverse_mass, &mut after);
+            solve(&mut touches, 1e-4, &mut after);
             for touch in &touches {
                 let n = touch.normal;
                 let pressed = touch.force.dot(&n);

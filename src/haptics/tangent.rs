@@ -21,6 +21,8 @@ use crate::step::{self, Workspace};
 
 /// Perturbation of a position, in mean edges, and the largest of a unit quaternion.
 const SMALL: f64 = 1e-4;
+/// The same where something slides: friction turns with the way.
+const SMALL_RUBBING: f64 = 4e-6;
 /// Components of a pose: x y z, w x y z.
 const POSE: usize = 7;
 
@@ -64,8 +66,7 @@ impl Haptics {
         component: usize,
     ) -> Result<Column, HapticsError> {
         let tools = state.tools.len();
-        let holds = |k: usize| state.held.iter().any(|h| h.tool == Some(k as u32));
-        if !holds(of) || !holds(by) {
+        if !state.is_felt_by(of) || !state.is_felt_by(by) {
             return Ok([0.0; 6]);
         }
         if self.known.is_empty() {
@@ -169,14 +170,22 @@ pub(super) fn felt(force: &Vec3, torque: &Vec3) -> Column {
 
 /// d \[m\], or as a part of the quaternion \[1\].
 fn perturbation(model: &Model, state: &State, by: usize, component: usize) -> f64 {
-    let distance = SMALL * model.mean_edge;
+    let slides = state.contacts.iter().any(|c| c.force != Vec3::zeros());
+    let small = if slides { SMALL_RUBBING } else { SMALL };
+    let distance = small * model.mean_edge;
     if component < 3 {
         return distance;
     }
     let held = state.held.iter().filter(|h| h.tool == Some(by as u32));
-    let farthest = held.map(|h| h.local.norm()).fold(0.0, f64::max);
+    let touched = state.contacts.iter().filter(|c| c.tool == by as u32);
+    let pose = &state.tools[by].pose;
+    let away = |v: u32| pose.local(&state.position(v)).norm();
+    let all = held.map(|h| h.local.norm());
+    let farthest = all
+        .chain(touched.map(|c| away(c.nodes[0])))
+        .fold(0.0, f64::max);
     let [_, _, _, w, x, y, z] = state.tools[by].input.value;
     let size = (w * w + x * x + y * y + z * z).sqrt();
     // A change of q turns by twice as much.
-    size * (0.5 * distance / farthest).min(SMALL)
+    size * (0.5 * distance / farthest).min(small)
 }
