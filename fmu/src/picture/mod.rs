@@ -10,8 +10,9 @@ pub mod chart;
 pub mod figure;
 mod light;
 pub mod raster;
+pub mod scatter;
 mod shape;
-mod svg;
+pub mod svg;
 pub mod view;
 
 pub use chart::{Axis, Chart, Event, PALETTE, Scale, Series, Style};
