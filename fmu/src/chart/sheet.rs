@@ -17,6 +17,8 @@ const MARGIN: f64 = 16.0;
 const PANEL: f64 = 270.0;
 /// Of a line of the key in px.
 const LINE: f64 = 15.0;
+/// Size of its letters.
+const KEY: f64 = 11.0;
 /// From the top to the first panels in px.
 const HEAD: f64 = 84.0;
 /// A millisecond takes a millisecond \[us\].
@@ -59,11 +61,11 @@ fn charted<'a>(
         .collect()
 }
 
-/// Points as fronts see them: below what the reference is still off no error is smaller than another.
+/// Points as fronts see them: errors are told apart by two digits, and not below what the reference is still off.
 fn told_apart(rows: &[(&Record, [f64; 2])], measure: &Measure) -> Vec<[f64; 2]> {
     let floor = |r: &Record| (measure.floor)(r).unwrap_or(0.0);
     (rows.iter())
-        .map(|(r, [cost, error])| [*cost, error.max(floor(r))])
+        .map(|(r, [cost, error])| [*cost, rounded(error.max(floor(r)), 1)])
         .collect()
 }
 
@@ -196,7 +198,7 @@ fn head(plan: &Plan, records: &[Record]) -> String {
 
 /// What the numbers of a panel mean, below it.
 fn key(best: &[(&Record, [f64; 2])], measure: &Measure, width: f64) -> String {
-    let mut text = format!("<g font-size=\"11.5\" fill=\"{INK}\">\n");
+    let mut text = format!("<g font-size=\"{KEY}\" fill=\"{INK}\">\n");
     for (k, (record, [cost, error])) in best.iter().enumerate() {
         let y = PANEL + 14.0 + LINE * k as f64;
         // Writing to a String cannot fail.
@@ -214,7 +216,7 @@ fn key(best: &[(&Record, [f64; 2])], measure: &Measure, width: f64) -> String {
             )),
             px(width.min(400.0) - 14.0),
             three(*cost),
-            three(*error),
+            two(*error),
             measure.unit
         );
     }
@@ -229,6 +231,8 @@ fn short(name: &str) -> String {
         ("central difference", "central diff."),
         ("nodal pressure", "nodal press."),
         ("Runge-Kutta 4", "RK4"),
+        ("averaged", "avg"),
+        ("substep", "h"),
     ];
     (words.iter()).fold(name.to_string(), |text, (from, to)| text.replace(from, to))
 }
@@ -271,10 +275,14 @@ fn millimetres(size: f64) -> String {
     format!("{} mm", three(size))
 }
 
+/// To so many digits after the first.
+fn rounded(value: f64, digits: usize) -> f64 {
+    format!("{value:.digits$e}").parse().unwrap_or(value)
+}
+
 /// Three digits, without an exponent.
 fn three(value: f64) -> String {
-    let rounded: f64 = format!("{value:.2e}").parse().unwrap_or(value);
-    format!("{rounded}")
+    format!("{}", rounded(value, 2))
 }
 
 /// The fronts, and what the settings are, as Markdown.
@@ -285,7 +293,7 @@ pub fn table(plans: &[Plan], records: &[Record]) -> String {
             // Writing to a String cannot fail.
             let _ = writeln!(
                 text,
-                "### {}: {}\n\n| gesture | setting | size | µs a ms, median | 99 % | worst | error | of the model | of the mesh | work, kflop a ms |\n|---|---|---|---|---|---|---|---|---|---|",
+                "### {}: {}\n\n| gesture | setting | size | µs a ms, median | 99 % | worst | error | of the model | of the mesh | work, kflop a ms | smallest det F |\n|---|---|---|---|---|---|---|---|---|---|---|",
                 plan.scene.name, measure.title
             );
             for gesture in &plan.gestures {
@@ -299,7 +307,7 @@ pub fn table(plans: &[Plan], records: &[Record]) -> String {
                         |v: Option<f64>| v.map_or("".into(), |v| format!("{} {unit}", two(v)));
                     let _ = writeln!(
                         text,
-                        "| {} | {} | {} | {} | {} | {} | {} {unit} | {} | {} | {} |",
+                        "| {} | {} | {} | {} | {} | {} | {} {unit} | {} | {} | {} | {} |",
                         gesture.name,
                         r.setting,
                         millimetres(r.size),
@@ -309,7 +317,8 @@ pub fn table(plans: &[Plan], records: &[Record]) -> String {
                         two(error),
                         shown(model),
                         shown(mesh),
-                        r.work.map_or("not counted".into(), three)
+                        r.work.map_or("not counted".into(), three),
+                        r.least_volume.map_or("".into(), |v| format!("{v:.2}"))
                     );
                 }
             }
@@ -328,6 +337,22 @@ fn two(value: f64) -> String {
     if value < 1e-4 {
         return "0".into();
     }
-    let rounded: f64 = format!("{value:.1e}").parse().unwrap_or(value);
-    format!("{rounded}")
+    format!("{}", rounded(value, 1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// In the narrowest key a name leaves room for its number, cost and error.
+    #[test]
+    fn keys_fit() {
+        let width = (WIDTH - MARGIN) / 3.0;
+        for setting in SETTINGS {
+            let name = format!("{}, {}", short(setting.name), millimetres(10.0 / 3.0));
+            let left = 28.0 + text_width(&name, KEY);
+            let right = width - 14.0 - text_width("16700 µs, 0.023 mm", KEY);
+            assert!(left < right, "{name}: {left} to {right}");
+        }
+    }
 }

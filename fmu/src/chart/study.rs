@@ -149,8 +149,11 @@ pub fn run<E: From<PrepareError>>(
         }
     }
     let place: HashMap<&String, usize> = planned.iter().zip(0..).collect();
+    records.sort_by_key(|r| place.get(&r.key).copied().unwrap_or(usize::MAX));
+    if count > 0 {
+        keep(&records)?;
+    }
     records.retain(|r| place.contains_key(&r.key));
-    records.sort_by_key(|r| place[&r.key]);
     Ok((records, count))
 }
 

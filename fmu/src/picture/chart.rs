@@ -512,7 +512,7 @@ fn plain(value: f64, decimals: usize) -> String {
 }
 
 /// 0.01 to 9999 in full, powers of ten beyond.
-fn power_label(value: f64) -> String {
+pub(super) fn power_label(value: f64) -> String {
     let exponent = (value.log10() + 1e-9).floor();
     if (-2.0..4.0).contains(&exponent) {
         return plain(value, (-exponent).max(0.0) as usize);

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::chart::{Axis, CARD, GRID, INK, MARK, MUTED, Range};
+use super::chart::{Axis, CARD, GRID, INK, MARK, MUTED, Range, power_label};
 use super::svg::{escape, hex, px, text_width};
 
 const LEFT: f64 = 50.0;
@@ -43,6 +43,27 @@ pub struct Scatter<'a> {
     pub limit: Option<(f64, &'a str)>,
     /// A horizontal one below which differences mean nothing.
     pub floor: Option<(f64, &'a str)>,
+}
+
+/// Of up to `most` decades also the twos and fives.
+fn ticks(range: &Range, most: f64) -> Vec<(f64, String)> {
+    let factors: &[f64] = match range.high - range.low {
+        span if span < 0.4 * most => &[1.0, 2.0, 5.0],
+        _ => &[1.0],
+    };
+    let mut ticks = Vec::new();
+    for decade in range.low.floor() as i32..=range.high.ceil() as i32 {
+        for value in factors.iter().map(|f| f * 10.0_f64.powi(decade)) {
+            if (range.low..=range.high).contains(&value.log10()) {
+                let label = match decade {
+                    -4..0 => format!("{value:.*}", -decade as usize),
+                    _ => power_label(value),
+                };
+                ticks.push((value, label));
+            }
+        }
+    }
+    ticks
 }
 
 struct Frame {
@@ -102,7 +123,7 @@ impl Scatter<'_> {
             escape(self.title)
         )?;
         let narrow = (frame.right - LEFT) / 60.0;
-        for (value, label) in frame.x.ticks(narrow.max(2.0)) {
+        for (value, label) in ticks(&frame.x, narrow.max(2.0)) {
             let x = px(frame.at(value, 1.0)[0]);
             writeln!(
                 svg,
@@ -110,7 +131,7 @@ impl Scatter<'_> {
                 px(frame.bottom + 15.0)
             )?;
         }
-        for (value, label) in frame.y.ticks(6.0) {
+        for (value, label) in ticks(&frame.y, 6.0) {
             let y = frame.at(1.0, value)[1];
             writeln!(
                 svg,
@@ -145,7 +166,7 @@ impl Scatter<'_> {
                  <text x=\"{1}\" y=\"{2}\" font-size=\"11\" fill=\"{MUTED}\" text-anchor=\"end\">{3}</text>",
                 px(x),
                 px(x - 4.0),
-                px(frame.top + 11.0),
+                px(frame.bottom - 5.0),
                 escape(label)
             )?;
         }
@@ -154,10 +175,10 @@ impl Scatter<'_> {
             writeln!(
                 svg,
                 "<path d=\"M{LEFT} {0}H{1}\" stroke=\"{MARK}\" stroke-dasharray=\"1 3\"/>\
-                 <text x=\"{2}\" y=\"{3}\" font-size=\"11\" fill=\"{MUTED}\" text-anchor=\"end\">{4}</text>",
+                 <text x=\"{2}\" y=\"{3}\" font-size=\"11\" fill=\"{MUTED}\">{4}</text>",
                 px(y),
                 px(frame.right),
-                px(frame.right - 3.0),
+                px(LEFT + 5.0),
                 px(y - 4.0),
                 escape(label)
             )?;
