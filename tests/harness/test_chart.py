@@ -4,6 +4,7 @@ import csv
 import re
 import subprocess
 import time
+from xml.etree import ElementTree
 
 import pytest
 
@@ -128,6 +129,7 @@ def test_the_front_is_what_nothing_beats(scene, measure, chart):
     best = sorted((p, name) for name, p in points.items() if not beaten(p))
     assert shown == [name for _, name in best] and len(shown) >= 2
     picture = (folder / f"chart_{scene}.svg").read_text()
+    ElementTree.fromstring(picture)
     assert picture.count('font-weight="600"') == 3 and "NaN" not in picture
     assert all(f">{n}</text>" in picture for n in range(1, len(shown) + 1))
 

@@ -14,13 +14,15 @@ use crate::picture::{Axis, PALETTE, Scale};
 const WIDTH: f64 = 1000.0;
 const MARGIN: f64 = 16.0;
 /// Of a panel in px.
-const PANEL: f64 = 270.0;
+const PANEL: f64 = 280.0;
 /// Of a line of the key in px.
 const LINE: f64 = 15.0;
 /// Size of its letters.
 const KEY: f64 = 11.0;
 /// From the top to the first panels in px.
 const HEAD: f64 = 84.0;
+/// Where errors are drawn that are smaller: so many times what the reference is still off.
+const BELOW: f64 = 0.7;
 /// A millisecond takes a millisecond \[us\].
 const REAL_TIME: f64 = 1000.0;
 
@@ -109,7 +111,12 @@ pub fn svg(plan: &Plan, records: &[Record]) -> String {
                     unit: measure.unit,
                     scale: Scale::Logarithmic,
                 },
-                points: rows.iter().map(|(r, p)| point(plan, r, *p)).collect(),
+                points: (rows.iter())
+                    .map(|(r, [cost, error])| {
+                        let least = BELOW * (measure.floor)(r).unwrap_or(0.0);
+                        point(plan, r, [*cost, error.max(least)])
+                    })
+                    .collect(),
                 limit: Some((REAL_TIME, "real time")),
                 floor: (rows.first())
                     .and_then(|(r, _)| (measure.floor)(r))
@@ -216,7 +223,7 @@ fn key(best: &[(&Record, [f64; 2])], measure: &Measure, width: f64) -> String {
             )),
             px(width.min(400.0) - 14.0),
             three(*cost),
-            two(*error),
+            escape(&stated(record, *error, measure)),
             measure.unit
         );
     }
@@ -275,6 +282,14 @@ fn millimetres(size: f64) -> String {
     format!("{} mm", three(size))
 }
 
+/// An error by two digits; where it is smaller than what the reference is still off, that it is.
+fn stated(record: &Record, error: f64, measure: &Measure) -> String {
+    match (measure.floor)(record) {
+        Some(floor) if error < floor => format!("< {}", two(floor)),
+        _ => two(error),
+    }
+}
+
 /// To so many digits after the first.
 fn rounded(value: f64, digits: usize) -> f64 {
     format!("{value:.digits$e}").parse().unwrap_or(value)
@@ -314,7 +329,7 @@ pub fn table(plans: &[Plan], records: &[Record]) -> String {
                         three(cost),
                         r.step_99.map_or("".into(), three),
                         r.step_worst.map_or("".into(), three),
-                        two(error),
+                        stated(r, error, measure),
                         shown(model),
                         shown(mesh),
                         r.work.map_or("not counted".into(), three),
@@ -351,7 +366,7 @@ mod tests {
         for setting in SETTINGS {
             let name = format!("{}, {}", short(setting.name), millimetres(10.0 / 3.0));
             let left = 28.0 + text_width(&name, KEY);
-            let right = width - 14.0 - text_width("16700 µs, 0.023 mm", KEY);
+            let right = width - 14.0 - text_width("16700 µs, < 0.023 mm", KEY);
             assert!(left < right, "{name}: {left} to {right}");
         }
     }

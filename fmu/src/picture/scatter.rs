@@ -99,7 +99,7 @@ impl Scatter<'_> {
         let floor = floor.filter(|y| *y > 0.2 * low);
         let frame = Frame {
             right: width - RIGHT,
-            top: 26.0,
+            top: 36.0,
             bottom: height - BOTTOM,
             x: padded(Range::tight(values(|p| p.x), self.x.scale)),
             y: padded(Range::tight(values(|p| p.y).chain(floor), self.y.scale)),
@@ -163,10 +163,10 @@ impl Scatter<'_> {
             writeln!(
                 svg,
                 "<path d=\"M{0} {top}V{bottom}\" stroke=\"{MARK}\" stroke-dasharray=\"4 3\"/>\
-                 <text x=\"{1}\" y=\"{2}\" font-size=\"11\" fill=\"{MUTED}\" text-anchor=\"end\">{3}</text>",
+                 <text x=\"{1}\" y=\"{2}\" font-size=\"11\" fill=\"{MUTED}\" text-anchor=\"middle\" stroke=\"{CARD}\" stroke-width=\"3\" stroke-linejoin=\"round\" paint-order=\"stroke\">{3}</text>",
                 px(x),
-                px(x - 4.0),
-                px(frame.bottom - 5.0),
+                px(x),
+                px(frame.top - 5.0),
                 escape(label)
             )?;
         }
@@ -175,7 +175,7 @@ impl Scatter<'_> {
             writeln!(
                 svg,
                 "<path d=\"M{LEFT} {0}H{1}\" stroke=\"{MARK}\" stroke-dasharray=\"1 3\"/>\
-                 <text x=\"{2}\" y=\"{3}\" font-size=\"11\" fill=\"{MUTED}\">{4}</text>",
+                 <text x=\"{2}\" y=\"{3}\" font-size=\"11\" fill=\"{MUTED}\" stroke=\"{CARD}\" stroke-width=\"3\" stroke-linejoin=\"round\" paint-order=\"stroke\">{4}</text>",
                 px(y),
                 px(frame.right),
                 px(LEFT + 5.0),
