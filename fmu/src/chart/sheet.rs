@@ -235,8 +235,8 @@ fn short(name: &str) -> String {
     let words = [
         ("St Venant-Kirchhoff", "StVK"),
         ("neo-Hookean", "NH"),
-        ("central difference", "central diff."),
-        ("nodal pressure", "nodal press."),
+        ("central difference", "CD"),
+        ("nodal pressure", "NP"),
         ("Runge-Kutta 4", "RK4"),
         ("averaged", "avg"),
         ("substep", "h"),
@@ -357,6 +357,7 @@ fn two(value: f64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::scenes::SCENES;
     use super::*;
 
     /// In the narrowest key a name leaves room for its number, cost and error.
@@ -364,10 +365,15 @@ mod tests {
     fn keys_fit() {
         let width = (WIDTH - MARGIN) / 3.0;
         for setting in SETTINGS {
-            let name = format!("{}, {}", short(setting.name), millimetres(10.0 / 3.0));
-            let left = 28.0 + text_width(&name, KEY);
-            let right = width - 14.0 - text_width("16700 µs, < 0.023 mm", KEY);
-            assert!(left < right, "{name}: {left} to {right}");
+            for size in SCENES
+                .iter()
+                .flat_map(|scene| &scene.sizes[..setting.sizes])
+            {
+                let name = format!("{}, {}", short(setting.name), millimetres(1e3 * size));
+                let left = 28.0 + text_width(&name, KEY);
+                let right = width - 14.0 - text_width("16700 µs, < 0.023 mm", KEY);
+                assert!(left < right, "{name}: {left} to {right}");
+            }
         }
     }
 }
