@@ -95,10 +95,7 @@ pub fn svg(plan: &Plan, records: &[Record]) -> String {
             let rows = charted(records, plan.scene.name, gesture.name, measure);
             let front = front(&told_apart(&rows, measure));
             longest = longest.max(front.len());
-            let title = match gesture.name {
-                "" => measure.title.to_string(),
-                name => format!("{name}: {}", measure.title),
-            };
+            let title = format!("{}: {}", gesture.name, measure.title);
             let scatter = Scatter {
                 title: &title,
                 x: Axis {

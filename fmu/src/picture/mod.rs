@@ -1,7 +1,7 @@
 //! Pictures without a window: shaded surfaces with tools, line charts, and one figure of both.
 //!
 //! `view` places one camera for all panels, `shape` turns surfaces and tools into facets with
-//! normals, `raster` and `light` turn them into pixels, `chart` draws curves as SVG and `figure` puts
+//! normals, `raster` and `light` turn them into pixels, `chart` draws curves and `scatter` points as SVG, and `figure` puts
 //! panels and chart on one page. Everything is a pure function of its arguments: the same input
 //! gives the same bytes. Empty, non-finite or zero-range input gives an emptier picture.
 
