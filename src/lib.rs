@@ -8,6 +8,7 @@
 //!
 //! Units are SI throughout. The library knows nothing of FMI.
 
+pub mod calibration;
 pub mod contact;
 pub mod couple;
 pub mod cut;

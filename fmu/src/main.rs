@@ -1,5 +1,6 @@
 //! `tissue-fmu`: from a scene file to a running FMU.
 
+mod chart;
 mod command;
 mod drive;
 mod error;
@@ -59,6 +60,15 @@ enum Command {
         #[arg(short, long, default_value = "results")]
         output: PathBuf,
     },
+    /// Measure every setting's speed and accuracy on the shipped scenes. What is measured already is not measured again.
+    Chart {
+        /// Two scenes, two mesh sizes, one gesture: less than two minutes.
+        #[arg(long)]
+        quick: bool,
+        /// Folder for chart.csv, front.md and the pictures.
+        #[arg(short, long, default_value = "target/chart")]
+        output: PathBuf,
+    },
     /// Counts, masses, critical steps, time per substep, warnings.
     Inspect {
         /// SCENE.json or MODEL.fmu
@@ -93,6 +103,7 @@ fn main() -> ExitCode {
             rates,
             output,
         } => command::run::run(&model, motion.as_deref(), stop, step, rates, &output),
+        Command::Chart { quick, output } => command::chart::run(quick, &output),
         Command::Inspect { model, json } => command::inspect::run(&model, json),
         Command::Reference {
             scene,

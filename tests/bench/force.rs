@@ -7,6 +7,7 @@ use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant;
 
+use tissue::calibration::Calibration;
 use tissue::element::blend::{Blend, Listed};
 use tissue::element::kernel::Kernel;
 use tissue::element::nodal_averaged::NodalAveraged;
@@ -105,7 +106,7 @@ fn main() {
     let mut points = vec![0.0; pressed_venant.points()];
     let mut out = vec![Lane::default(); n];
     let mut linear = vec![Vec3::zeros(); n];
-    let (mut a, b) = (vec![[1.0f64; 4]; 512], [1.000_000_1f64; 4]);
+    let mut calibration = Calibration::default();
     let mut times = vec![Vec::new(); 16];
     for _ in 0..ROUNDS {
         let mut run = |k: usize, f: &mut dyn FnMut()| {
@@ -115,16 +116,7 @@ fn main() {
             }
             times[k].push(start.elapsed().as_secs_f64() / REPEATS as f64);
         };
-        run(0, &mut || {
-            for _ in 0..20 {
-                for x in &mut a {
-                    for (x, b) in x.iter_mut().zip(b) {
-                        *x = x.mul_add(b, b);
-                    }
-                }
-            }
-            black_box(&a);
-        });
+        run(0, &mut || calibration.work());
         run(1, &mut || {
             model.whole.tensors.product(&model.pattern, &u, &mut linear);
         });

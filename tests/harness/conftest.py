@@ -21,10 +21,11 @@ def command():
     binary = Path(os.environ.get("TISSUE_FMU", ROOT / "target/release/tissue-fmu"))
     assert binary.exists(), f"{binary} is not built"
 
-    def run(*arguments, **options):
+    def run(*arguments, timeout=120, **options):
         line = [str(binary), *(str(a) for a in arguments)]
-        return subprocess.run(line, capture_output=True, text=True, timeout=120, **options)
+        return subprocess.run(line, capture_output=True, text=True, timeout=timeout, **options)
 
+    run.binary = str(binary)
     return run
 
 

@@ -1,6 +1,7 @@
 //! One command a file.
 
 pub mod build;
+pub mod chart;
 pub mod demo;
 pub mod inspect;
 pub mod reference;

@@ -14,11 +14,11 @@ pub const PALETTE: [[u8; 3]; 7] = [
     [60, 64, 72],
 ];
 
-pub(super) const INK: &str = "#1d2430";
-pub(super) const MUTED: &str = "#5b6472";
-pub(super) const CARD: &str = "#fcfcfb";
-const GRID: &str = "#e4e6ea";
-const MARK: &str = "#8a93a1";
+pub const INK: &str = "#1d2430";
+pub const MUTED: &str = "#5b6472";
+pub const CARD: &str = "#fcfcfb";
+pub(super) const GRID: &str = "#e4e6ea";
+pub(super) const MARK: &str = "#8a93a1";
 const TEXT: f64 = 13.0;
 /// Height of a row of event labels in px.
 const ROW: f64 = 17.0;
@@ -359,7 +359,7 @@ pub(super) fn disc(number: usize, x: f64, y: f64) -> String {
 }
 
 impl Axis<'_> {
-    fn caption(&self) -> String {
+    pub(super) fn caption(&self) -> String {
         if self.unit.is_empty() {
             escape(self.label)
         } else {
@@ -384,14 +384,14 @@ struct Placed {
 
 /// The interval an axis shows; of logarithms where the axis is logarithmic.
 #[derive(Clone, Copy, Debug)]
-struct Range {
-    low: f64,
-    high: f64,
+pub(super) struct Range {
+    pub(super) low: f64,
+    pub(super) high: f64,
     scale: Scale,
 }
 
 impl Range {
-    fn tight(values: impl Iterator<Item = f64>, scale: Scale) -> Self {
+    pub(super) fn tight(values: impl Iterator<Item = f64>, scale: Scale) -> Self {
         let mut low = f64::INFINITY;
         let mut high = f64::NEG_INFINITY;
         for value in values.filter_map(|v| transformed(v, scale)) {
@@ -459,7 +459,7 @@ impl Range {
     }
 
     /// Ticks (value, label) inside the range.
-    fn ticks(&self, count: f64) -> Vec<(f64, String)> {
+    pub(super) fn ticks(&self, count: f64) -> Vec<(f64, String)> {
         let step = self.step(count);
         let first = (self.low / step - 1e-6).ceil();
         let number = ((self.high - self.low) / step + 1.001).clamp(0.0, 200.0) as usize;
@@ -512,7 +512,7 @@ fn plain(value: f64, decimals: usize) -> String {
 }
 
 /// 0.01 to 9999 in full, powers of ten beyond.
-fn power_label(value: f64) -> String {
+pub(super) fn power_label(value: f64) -> String {
     let exponent = (value.log10() + 1e-9).floor();
     if (-2.0..4.0).contains(&exponent) {
         return plain(value, (-exponent).max(0.0) as usize);

@@ -1,7 +1,7 @@
 //! Pictures without a window: shaded surfaces with tools, line charts, and one figure of both.
 //!
 //! `view` places one camera for all panels, `shape` turns surfaces and tools into facets with
-//! normals, `raster` and `light` turn them into pixels, `chart` draws curves as SVG and `figure` puts
+//! normals, `raster` and `light` turn them into pixels, `chart` draws curves and `scatter` points as SVG, and `figure` puts
 //! panels and chart on one page. Everything is a pure function of its arguments: the same input
 //! gives the same bytes. Empty, non-finite or zero-range input gives an emptier picture.
 
@@ -10,8 +10,9 @@ pub mod chart;
 pub mod figure;
 mod light;
 pub mod raster;
+pub mod scatter;
 mod shape;
-mod svg;
+pub mod svg;
 pub mod view;
 
 pub use chart::{Axis, Chart, Event, PALETTE, Scale, Series, Style};

@@ -1,7 +1,7 @@
 //! The few words of SVG the charts and figures share.
 
 /// Text with the characters XML reserves, and those it forbids, replaced.
-pub(super) fn escape(text: &str) -> String {
+pub fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
         match c {
@@ -18,7 +18,7 @@ pub(super) fn escape(text: &str) -> String {
 }
 
 /// A coordinate in px to a tenth, without trailing zeros.
-pub(super) fn px(value: f64) -> String {
+pub fn px(value: f64) -> String {
     let tenths = if value.is_finite() {
         (value * 10.0).round()
     } else {
@@ -29,7 +29,7 @@ pub(super) fn px(value: f64) -> String {
 }
 
 /// Estimated width of a text in px, generous enough for any sans-serif face.
-pub(super) fn text_width(text: &str, size: f64) -> f64 {
+pub fn text_width(text: &str, size: f64) -> f64 {
     let em: f64 = text
         .chars()
         .map(|c| match c {
@@ -44,7 +44,7 @@ pub(super) fn text_width(text: &str, size: f64) -> f64 {
 }
 
 /// An sRGB colour as `#rrggbb`.
-pub(super) fn hex([r, g, b]: [u8; 3]) -> String {
+pub fn hex([r, g, b]: [u8; 3]) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
