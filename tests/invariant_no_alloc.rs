@@ -126,3 +126,30 @@ fn a_tangent_allocates_nothing() {
         }
     }
 }
+
+/// Nor does a tool that slides, on tissue with mass or without.
+#[test]
+fn what_slides_allocates_nothing() {
+    let hybrid = r#"{"model": {"kind": "hybrid", "dynamic":
+        {"halfSpace": {"point": [0.05, 0, 0], "normal": [1, 0, 0]}}},"#;
+    let quasi_static = r#"{"model": {"kind": "quasiStatic"},"#;
+    for model in ["{", hybrid, quasi_static] {
+        let text = common::bar_with("symplecticEuler")
+            .replacen('{', model, 1)
+            .replace(
+                r#""probe", "shape""#,
+                r#""probe", "friction": 0.3, "shape""#,
+            );
+        let mut s = common::simulation(&text);
+        let (mut worst, mut touches) = (0, 0);
+        for k in 0..400 {
+            common::script(&mut s, f64::from(k) * 1e-3);
+            let before = CALLS.get();
+            s.step(1e-3).unwrap();
+            worst = worst.max(CALLS.get() - before);
+            touches += u32::from(s.tool(0).in_contact);
+        }
+        println!("{model}: {worst} calls, {touches} steps in contact");
+        assert!(worst == 0 && touches > 100, "{model} {worst} {touches}");
+    }
+}
