@@ -172,7 +172,9 @@ impl Simulation {
     /// Advances by `length` \[s\]; on an error nothing has changed.
     pub fn step(&mut self, length: f64) -> Result<(), StepError> {
         self.forget();
-        self.halvings = step::step(&self.model, &mut self.state, &mut self.work, length)?;
+        let hasty = step::hasty(&self.model, &self.state, length);
+        let halvings = step::step(&self.model, &mut self.state, &mut self.work, length)?;
+        self.halvings = if halvings > hasty { halvings } else { 0 };
         Ok(())
     }
 

@@ -170,7 +170,7 @@ pub fn division(length: f64, substep: f64) -> (u64, f64) {
 }
 
 /// Advances by `length` \[s\]. On an error the state is that of the start of the step, inputs included.
-/// Returns how often the substep had to be halved.
+/// Returns how often the substep has been halved.
 pub fn step(
     model: &Model,
     state: &mut State,
@@ -212,9 +212,15 @@ pub(crate) fn foreseen(model: &Model, state: &State, length: f64) -> Result<u32,
     if foreseen > f64::from(RETRIES) {
         return Err(StepError::Unstable(substep, critical));
     }
+    Ok((foreseen as u32).max(hasty(model, state, length)))
+}
+
+/// Halvings after which no tool goes far past tissue in a substep; one is left for what else may come.
+pub(crate) fn hasty(model: &Model, state: &State, length: f64) -> u32 {
+    let (_, substep) = division(length, state.nominal_substep);
     let haste = (0..state.tools.len()).map(|k| haste_near(model, state, k, length));
-    let hasty = (haste.fold(0.0, f64::max) * substep / (GLANCE * length)).log2();
-    Ok(foreseen.max(hasty.ceil().min(f64::from(RETRIES))) as u32)
+    let halvings = (haste.fold(0.0, f64::max) * substep / (GLANCE * length)).log2();
+    (halvings.ceil().max(0.0) as u32).min(RETRIES - 1)
 }
 
 /// Way in radii that tool `k` goes in a step, if that takes it past tissue.
