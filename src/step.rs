@@ -42,7 +42,7 @@ const SPRINGS_OFF: f64 = 0.01;
 /// Energies below this \[J\] are not compared.
 const RESIDUAL_FLOOR: f64 = 1e-9;
 /// Way of a tool, in radii, after which it is looked at again what it touches, though no haptic tick is due; and that a
-/// substep may take it along near tissue.
+/// substep may take it along.
 const GLANCE: f64 = 0.05;
 /// Substeps one communication step may need; more is a host's slip (a step of hours).
 const MOST_SUBSTEPS: f64 = 1e9;
@@ -215,32 +215,20 @@ pub(crate) fn foreseen(model: &Model, state: &State, length: f64) -> Result<u32,
     Ok((foreseen as u32).max(hasty(model, state, length)))
 }
 
-/// Halvings after which no tool goes far past tissue in a substep; one is left for what else may come.
+/// Halvings after which no tool goes far in a substep; one is left for what else may come. Whether tissue is near does not count:
+/// substeps shall not depend on how a host splits time.
 pub(crate) fn hasty(model: &Model, state: &State, length: f64) -> u32 {
     let (_, substep) = division(length, state.nominal_substep);
-    let haste = (0..state.tools.len()).map(|k| haste_near(model, state, k, length));
-    let halvings = (haste.fold(0.0, f64::max) * substep / (GLANCE * length)).log2();
-    (halvings.ceil().max(0.0) as u32).min(RETRIES - 1)
-}
-
-/// Way in radii that tool `k` goes in a step, if that takes it past tissue.
-fn haste_near(model: &Model, state: &State, k: usize, length: f64) -> f64 {
-    let tool = &state.tools[k];
-    let path = Path::new(&tool.pose, &tool.input, &tool.lines, 1, length);
-    let Some(path) = path.filter(|_| model.scene.tools[k].kind != ToolKind::Grasper) else {
-        return 0.0;
-    };
-    let shape = &model.tools[k];
-    let way = shape.way(&tool.pose, &path.at(1)) / shape.least_radius();
-    if way * state.nominal_substep <= GLANCE * length {
-        return 0.0;
-    }
-    let (low, high) = shape.bounds(&tool.pose, &path.at(1));
-    let is_near = (0..model.parts.known).any(|i| {
-        let x = state.live.rest[i] + state.displacement[i].xyz();
-        (0..3).all(|axis| low[axis] <= x[axis] && x[axis] <= high[axis])
+    let haste = (0..state.tools.len()).map(|k| {
+        let tool = &state.tools[k];
+        let path = Path::new(&tool.pose, &tool.input, &tool.lines, 1, length);
+        let pushes = model.scene.tools[k].kind != ToolKind::Grasper;
+        let way = |path: Path| model.tools[k].way(&tool.pose, &path.at(1));
+        let way = path.filter(|_| pushes).map_or(0.0, way);
+        way / model.tools[k].least_radius()
     });
-    if is_near { way } else { 0.0 }
+    let halvings = (haste.fold(0.0, f64::max) * substep / (GLANCE * length)).log2();
+    ((halvings - 1e-9).ceil().max(0.0) as u32).min(RETRIES - 1)
 }
 
 /// Number and length \[s\] of the substeps of a step after so many halvings.
@@ -356,7 +344,7 @@ pub fn advance(
                 &mut work.loose,
             );
         } else if !work.frozen {
-            let glances = |haste: f64, since: f64| (haste * since / (h * GLANCE)).floor();
+            let glances = |haste: f64, since: f64| (haste * since / (h * GLANCE) + 1e-9).floor();
             let (last, now) = (state.since_haptic - h, state.since_haptic);
             for tool in 0..state.tools.len() {
                 let haste = work.haste[tool];

@@ -63,13 +63,6 @@ impl ToolShape {
         self.whole.iter().map(moved).fold(0.0, f64::max)
     }
 
-    /// Lowest and highest corner of a box that holds it at two poses.
-    pub fn bounds(&self, from: &Pose, to: &Pose) -> (Vec3, Vec3) {
-        let boxes = self.at(from).chain(self.at(to)).map(|c| c.bounds(0.0));
-        let start = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
-        boxes.fold(start, |a, b| (a.0.inf(&b.0), a.1.sup(&b.1)))
-    }
-
     /// Of the thickest capsule \[m\].
     pub fn most_radius(&self) -> f64 {
         self.whole.iter().map(|c| c.radius).fold(0.0, f64::max)
