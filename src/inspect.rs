@@ -247,6 +247,7 @@ fn time_substep(model: &Model) -> f64 {
         let mut work = Workspace::new(model, &state);
         let h = state.nominal_substep;
         Box::new(move || {
+            state.sleep.wake();
             // What it comes to does not matter.
             let _ = advance(model, &mut state, &mut work, 1, h);
         })
