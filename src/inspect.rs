@@ -11,7 +11,7 @@ use crate::model::tensor_mass::{Lane, Pattern};
 use crate::model::{MOST_POISSON_RATIO, Model, critical_step};
 use crate::scene::{InterfaceMass, ModelKind, Scheme, ToolKind};
 use crate::state::State;
-use crate::step::{Workspace, advance};
+use crate::step::{Workspace, advance, division};
 use crate::tear;
 
 /// Keys as `inspect --json` writes them.
@@ -53,9 +53,26 @@ pub struct Inspection {
     pub minimum_dihedral: f64,
     /// Measured here and now, without contact \[s\].
     pub seconds_per_substep: f64,
+    /// Where the time of a substep goes; `null` with schemes of several sweeps a substep.
+    pub substep_shares: Option<SubstepShares>,
     /// Tensors, positions and the like of one instance.
     pub memory_bytes: usize,
     pub warnings: Vec<String>,
+}
+
+/// Parts of the time of a substep of tissue at rest that no tool touches, measured here and now, haptic ticks spread over their
+/// period \[1\]. They sum to 1.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "camelCase")]
+pub struct SubstepShares {
+    /// Forces, integration and energy sums.
+    pub sweep: f64,
+    /// What the pre-computed part answers.
+    pub coupling: f64,
+    /// To seek it.
+    pub contact: f64,
+    /// Loads, held vertices, watchdog, forces on tools.
+    pub rest: f64,
 }
 
 /// What one entry of the scene's materials covers.
@@ -132,6 +149,7 @@ pub fn inspect(model: &Model) -> Inspection {
         lowest_frequency: Some(model.spectrum.lowest / std::f64::consts::TAU).filter(|f| *f > 0.0),
         minimum_dihedral: model.report.minimum_dihedral_degrees,
         seconds_per_substep: time_substep(model),
+        substep_shares: model.is_staggered().then(|| time_shares(model)),
         memory_bytes: model.whole.bytes()
             + model.parts.known.min(used) * 8 * (6 * 4 + 2)
             + model.precomputed.as_ref().map_or(0, |p| p.bytes()),
@@ -241,16 +259,22 @@ pub fn warnings(model: &Model) -> Vec<String> {
 /// Median of a few substeps \[s\]; of sweeps alone where the scheme is one sweep a substep.
 fn time_substep(model: &Model) -> f64 {
     let mut run: Box<dyn FnMut()> = if model.is_staggered() {
-        Box::new(sweeping(model))
+        Box::new(sweeping(model, true))
     } else {
         let mut state = State::new(model);
         let mut work = Workspace::new(model, &state);
         let h = state.nominal_substep;
         Box::new(move || {
+            state.sleep.wake();
             // What it comes to does not matter.
             let _ = advance(model, &mut state, &mut work, 1, h);
         })
     };
+    median_time(&mut run)
+}
+
+/// Of 21 runs \[s\].
+fn median_time(run: &mut dyn FnMut()) -> f64 {
     let mut times: Vec<f64> = (0..21)
         .map(|_| {
             let start = Instant::now();
@@ -262,7 +286,43 @@ fn time_substep(model: &Model) -> f64 {
     times[times.len() / 2]
 }
 
-fn sweeping(model: &Model) -> impl FnMut() + '_ {
+/// Steps as long as a haptic period, with and without the search for contact, beside their sweeps.
+fn time_shares(model: &Model) -> SubstepShares {
+    let state = State::new(model);
+    let (count, h) = division(
+        1.0 / model.scene.integration.haptic_rate,
+        state.nominal_substep,
+    );
+    let step = |frozen: bool| {
+        let mut state = state.clone();
+        state.reserve(model);
+        let mut work = Workspace::new(model, &state);
+        work.frozen = frozen;
+        median_time(&mut || {
+            state.sleep.wake();
+            let _ = advance(model, &mut state, &mut work, count, h);
+        }) / count as f64
+    };
+    let (all, frozen) = (step(false), step(true));
+    let both = median_time(&mut sweeping(model, true));
+    let sweep = median_time(&mut sweeping(model, false)).min(both);
+    let parts = [
+        sweep,
+        both - sweep,
+        (all - frozen).max(0.0),
+        (frozen - both).max(0.0),
+    ];
+    let sum: f64 = parts.iter().sum();
+    let [sweep, coupling, contact, rest] = parts.map(|t| t / sum);
+    SubstepShares {
+        sweep,
+        coupling,
+        contact,
+        rest,
+    }
+}
+
+fn sweeping(model: &Model, coupled: bool) -> impl FnMut() + '_ {
     let nodes = model.parts.moving;
     let zeros = move || vec![Lane::default(); nodes];
     let (mut displacement, mut velocity, mut residual, mut partial) =
@@ -271,7 +331,9 @@ fn sweeping(model: &Model) -> impl FnMut() + '_ {
     let mut points = vec![0.0; model.whole.points()];
     let mut coupling = Coupling::new(model);
     move || {
-        coupling.solve(model, &displacement);
+        if coupled {
+            coupling.solve(model, &displacement);
+        }
         let mut motion = Motion {
             displacement: &mut displacement,
             velocity: &mut velocity,

@@ -30,6 +30,7 @@ pub mod prepared;
 pub mod reference;
 pub mod scene;
 pub mod simulation;
+pub mod sleep;
 pub mod snapshot;
 pub mod star;
 pub mod state;

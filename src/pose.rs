@@ -176,6 +176,19 @@ impl Path {
         }
     }
 
+    /// Whether the tool is there, to the bit, all the way.
+    pub fn stays_at(&self, pose: &Pose) -> bool {
+        let stays = |axis: usize| match self.coordinate[axis] {
+            Coordinate::Line(line) => line.rate == 0.0 && line.origin == pose.position[axis],
+            Coordinate::Blend { .. } => false,
+            Coordinate::Ramp { last, value } => last == value && value == pose.position[axis],
+        };
+        let end = slerp(&self.first, &self.last, 1.0);
+        (0..3).all(stays)
+            && self.first.coords == end.coords
+            && end.coords == pose.orientation.coords
+    }
+
     /// What the next step may continue.
     pub fn lines(&self) -> [Option<Line>; 3] {
         self.coordinate.map(|c| match c {

@@ -155,6 +155,7 @@ impl Simulation {
     /// Places the tools where the inputs say, before the first step. One whose orientation is zero
     /// stays; the error names the first such.
     pub fn place_tools(&mut self) -> Result<(), StepError> {
+        self.state.sleep.wake();
         self.haptics.forget();
         let mut outcome = Ok(());
         for (k, tool) in self.state.tools.iter_mut().enumerate() {
@@ -171,9 +172,14 @@ impl Simulation {
 
     /// Advances by `length` \[s\]; on an error nothing has changed.
     pub fn step(&mut self, length: f64) -> Result<(), StepError> {
-        self.forget();
+        let before = self.state.length;
         let hasty = step::hasty(&self.model, &self.state, length);
-        let halvings = step::step(&self.model, &mut self.state, &mut self.work, length)?;
+        let outcome = step::step(&self.model, &mut self.state, &mut self.work, length);
+        // What was evaluated of tissue that slept on is still so; the tangent is that of a step as long.
+        if !(self.work.slept && outcome.is_ok() && self.state.length == before) {
+            self.forget();
+        }
+        let halvings = outcome?;
         self.halvings = if halvings > hasty { halvings } else { 0 };
         Ok(())
     }
@@ -255,6 +261,7 @@ impl Simulation {
     /// \[m/s²\]. The change of the potential counts as work of the supports.
     pub fn set_gravity(&mut self, axis: usize, value: f64) {
         let change = value - self.state.parameters.gravity[axis];
+        self.wake_if(change != 0.0);
         let half = 0.5 * self.state.clock.lag;
         let State {
             live,
@@ -297,6 +304,7 @@ impl Simulation {
 
     /// \[1/s\]; the substep follows its critical value.
     pub fn set_damping(&mut self, value: f64) {
+        self.wake_if(value != self.state.parameters.damping);
         self.state.parameters.damping_set = true;
         let change = self
             .model
@@ -320,6 +328,7 @@ impl Simulation {
 
     /// Volume penalty \[Pa\]; the substep follows its critical value.
     pub fn set_incompressibility(&mut self, value: f64) {
+        self.wake_if(value != self.state.parameters.incompressibility);
         self.change_law(|state| {
             state.parameters.incompressibility = value;
             state.parameters.incompressibility_set = true;
@@ -330,6 +339,7 @@ impl Simulation {
 
     /// Of adaptive tissue, above 0 \[m\].
     pub fn set_nonlinear_threshold(&mut self, value: f64) {
+        self.wake_if(value != self.state.parameters.nonlinear_threshold);
         self.change_law(|state| {
             state.parameters.nonlinear_threshold = value;
             state.parameters.nonlinear_threshold_set = true;
@@ -350,7 +360,15 @@ impl Simulation {
 
     /// Relative change of volume or length above which tetrahedra tear, above 0 \[1\].
     pub fn set_tearing_threshold(&mut self, value: f64) {
+        self.wake_if(value != self.state.parameters.tearing_threshold);
         self.state.parameters.tearing_threshold = value;
+    }
+
+    /// Hosts may set what is set already.
+    fn wake_if(&mut self, changes: bool) {
+        if changes {
+            self.state.sleep.wake();
+        }
     }
 
     /// That of tissue at rest with the parameters as they are.

@@ -14,9 +14,10 @@ use crate::mesh::Vec3;
 use crate::model::tensor_mass::Lane;
 use crate::model::{Fnv, Model};
 use crate::pose::{Line, Pose, PoseInput};
+use crate::sleep::Sleep;
 use crate::state::{Clock, Factored, Parameters, State, ToolState};
 
-const MAGIC: &[u8; 8] = b"tissueSa";
+const MAGIC: &[u8; 8] = b"tissueSb";
 
 /// Why bytes are not a state of this model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -256,6 +257,8 @@ pub fn write(model: &Model, state: &State) -> Vec<u8> {
     out.reals([state.since_haptic, state.nominal_substep, state.length]);
     out.int(state.factored.removed as u64);
     out.int(state.factored.spent);
+    out.int(u64::from(state.sleep.asleep));
+    out.int(state.sleep.calm);
     let mut check = Fnv::default();
     check.write(&out.0);
     out.int(check.0);
@@ -287,6 +290,7 @@ pub fn size(state: &State) -> usize {
         + 10
         + 2
         + 3
+        + 2
         + 2
         + state.coupling.seen.len()
         + 1;
@@ -443,6 +447,10 @@ pub fn read(model: &Model, bytes: &[u8]) -> Result<State, SnapshotError> {
     state.factored = Factored {
         removed: input.index(state.live.removed.len() + 1)?,
         spent: input.int()?,
+    };
+    state.sleep = Sleep {
+        asleep: input.flag()?,
+        calm: input.int()?,
     };
     if !input.0.is_empty() {
         return Err(SnapshotError::Damaged);

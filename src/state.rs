@@ -11,6 +11,7 @@ use crate::model::Model;
 use crate::model::boundary::ramp;
 use crate::model::tensor_mass::Lane;
 use crate::pose::{Line, Pose, PoseInput};
+use crate::sleep::Sleep;
 
 /// Time, counted in substeps; it is never summed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -133,6 +134,7 @@ pub struct State {
     /// Of the last communication step \[s\]; 0 before the first.
     pub length: f64,
     pub factored: Factored,
+    pub sleep: Sleep,
 }
 
 impl State {
@@ -182,6 +184,7 @@ impl State {
             nominal_substep,
             length: 0.0,
             factored: Factored::default(),
+            sleep: Sleep::default(),
         };
         state.reserve(model);
         for (k, prescribed) in model.boundary.prescribed.iter().enumerate() {
@@ -331,6 +334,7 @@ impl State {
         self.nominal_substep = other.nominal_substep;
         self.length = other.length;
         self.factored = other.factored;
+        self.sleep = other.sleep;
     }
 }
 

@@ -18,6 +18,7 @@ use crate::model::tensor_mass::Lane;
 use crate::model::{Model, guyan};
 use crate::pose::{Path, Pose};
 use crate::scene::{Scheme, ToolKind};
+use crate::sleep;
 use crate::state::State;
 use crate::statics::StaticsError;
 use crate::tear::{Tears, tear};
@@ -107,6 +108,8 @@ pub struct Workspace {
     pub(crate) tears: Tears,
     /// Nothing attaches, lets go, is cut or tears: a trial of [`crate::haptics`].
     pub(crate) frozen: bool,
+    /// The last step was slept through.
+    pub(crate) slept: bool,
     slopes: Slopes,
     /// Of adaptive tissue.
     pub(crate) listed: Option<Listed>,
@@ -151,6 +154,7 @@ impl Workspace {
             spared: false,
             tears: Tears::new(model),
             frozen: false,
+            slept: false,
             slopes: Slopes::new(model),
             start,
         }
@@ -183,8 +187,13 @@ pub fn step(
     if length / state.nominal_substep > MOST_SUBSTEPS {
         return Err(StepError::TooLong(length, state.nominal_substep));
     }
-    work.start.copy_from(model, state);
     let foreseen = foreseen(model, state, length)?;
+    work.slept =
+        state.sleep.asleep && !work.frozen && sleeps_on(model, state, work, length, foreseen);
+    if work.slept {
+        return Ok(foreseen);
+    }
+    work.start.copy_from(model, state);
     let mut outcome = Ok(0);
     for halvings in foreseen..=RETRIES {
         let (n, h) = halved(state, length, halvings);
@@ -260,6 +269,54 @@ fn critical_at(model: &Model, state: &State, extent: &Extent) -> f64 {
     model.critical_step_at(omega, state.parameters.damping)
 }
 
+/// Tissue that sleeps does so to the end of the step, if nothing is to wake it on the way.
+fn sleeps_on(
+    model: &Model,
+    state: &mut State,
+    work: &mut Workspace,
+    length: f64,
+    halvings: u32,
+) -> bool {
+    let (n, h) = halved(state, length, halvings);
+    let length = n as f64 * h;
+    let found = find_paths(state, &mut work.paths, n, h);
+    if found.is_err()
+        || sleep::is_stirred(state, &work.paths)
+        || sleep::is_cut_due(model, state, length + 1e-9 * h)
+    {
+        return false;
+    }
+    set_substep(model, state, h);
+    let period = haptic_period(model);
+    for _ in 0..n {
+        sleep::pass(model, state, h, period);
+    }
+    for (tool, path) in state.tools.iter_mut().zip(&work.paths) {
+        tool.mean_force = tool.force;
+        (tool.force_rate, tool.torque_rate) = (Vec3::zeros(), Vec3::zeros());
+        tool.slips = false;
+        tool.lines = path.lines();
+        tool.input.rate = [None; 7];
+    }
+    state.length = length;
+    true
+}
+
+/// With room for the round-off of counted substeps \[s\].
+fn haptic_period(model: &Model) -> f64 {
+    (1.0 + 1e-6) / model.scene.integration.haptic_rate
+}
+
+/// Of all tools, over n substeps of h \[s\].
+fn find_paths(state: &State, paths: &mut Vec<Path>, n: u64, h: f64) -> Result<(), StepError> {
+    paths.clear();
+    for (k, tool) in state.tools.iter().enumerate() {
+        let path = Path::new(&tool.pose, &tool.input, &tool.lines, n, h);
+        paths.push(path.ok_or(StepError::Orientation(k + 1))?);
+    }
+    Ok(())
+}
+
 /// `n` substeps of `h` \[s\], stable or not, unless the watchdog stops them on the way.
 pub fn advance(
     model: &Model,
@@ -272,10 +329,9 @@ pub fn advance(
     if model.scheme() == Scheme::CentralDifference && state.clock.total == 0 {
         leapfrog::half_step_back(model, state, &mut work.loose, h);
     }
-    work.paths.clear();
-    for (k, tool) in state.tools.iter().enumerate() {
-        let path = Path::new(&tool.pose, &tool.input, &tool.lines, n, h);
-        work.paths.push(path.ok_or(StepError::Orientation(k + 1))?);
+    find_paths(state, &mut work.paths, n, h)?;
+    if work.frozen || sleep::is_stirred(state, &work.paths) {
+        state.sleep.wake();
     }
     work.haste.clear();
     for (k, path) in work.paths.iter().enumerate() {
@@ -285,7 +341,7 @@ pub fn advance(
     }
     work.impulse.fill(Vec3::zeros());
     state.tools.iter_mut().for_each(|tool| tool.slips = false);
-    let period = (1.0 + 1e-6) / model.scene.integration.haptic_rate;
+    let period = haptic_period(model);
     let span = slope::span(n, h, period);
     for k in 0..n {
         if k + span == n && !work.frozen {
@@ -294,6 +350,13 @@ pub fn advance(
             }
             work.slopes.begin(state);
         }
+        if state.sleep.asleep && !sleep::is_cut_due(model, state, 1e-9 * h) {
+            sleep::pass(model, state, h, period);
+            for (impulse, tool) in work.impulse.iter_mut().zip(&state.tools) {
+                *impulse += tool.force * h;
+            }
+            continue;
+        }
         let time = state.clock.time();
         update_loads(model, state, &mut work.before, &mut work.impulse, time);
         while let Some(scripted) = model.cuts.get(state.cuts_done) {
@@ -301,6 +364,7 @@ pub fn advance(
                 break;
             }
             state.cuts_done += 1;
+            state.sleep.wake();
             cut::event(
                 model,
                 state,
@@ -360,11 +424,17 @@ pub fn advance(
             tool.pose = path.at(k + 1);
         }
         set_targets(model, state, h);
+        let pressing = tick.then(|| sleep::pressing(state));
         integrate::substep(model, state, work, h, tick)?;
         state.clock.lag = model.lag(h);
         state.clock.ticks += 1;
         state.clock.total += 1;
         state.since_haptic += h;
+        if let Some(before) = pressing.filter(|_| !work.frozen)
+            && sleep::falls_asleep(model, state, h, before)
+        {
+            read_forces(model, state, work);
+        }
     }
     let time = state.clock.time();
     update_loads(model, state, &mut work.before, &mut work.impulse, time);

@@ -153,3 +153,23 @@ fn what_slides_allocates_nothing() {
         assert!(worst == 0 && touches > 40, "{model} {worst} {touches}");
     }
 }
+
+/// Nor does it allocate to fall asleep, to sleep or to wake.
+#[test]
+fn sleep_allocates_nothing() {
+    let hybrid = r#"{"model": {"kind": "hybrid", "dynamic":
+        {"halfSpace": {"point": [0.05, 0, 0], "normal": [1, 0, 0]}}},"#;
+    for model in ["{", hybrid] {
+        let mut s = common::simulation(&common::BAR.replacen('{', model, 1));
+        s.step(1e-3).unwrap();
+        let (mut asleep, before) = (0, CALLS.get());
+        for _ in 0..1200 {
+            s.step(1e-3).unwrap();
+            asleep += u32::from(s.state().sleep.asleep);
+        }
+        s.set_pose_input(0, 0, 0.041);
+        s.step(1e-3).unwrap();
+        assert!(asleep > 100 && !s.state().sleep.asleep);
+        assert_eq!(CALLS.get(), before);
+    }
+}

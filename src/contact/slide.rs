@@ -78,7 +78,7 @@ impl Contact {
     }
 
     /// Whether it is on tissue without mass.
-    pub(super) fn stays(&self) -> bool {
+    pub(crate) fn stays(&self) -> bool {
         matches!(self.place, Place::At(_))
     }
 

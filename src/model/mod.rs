@@ -149,6 +149,8 @@ pub struct Model {
     pub longest_edge: f64,
     /// Of the edges of all tetrahedra, a shared one as often as it is shared \[m\].
     pub mean_edge: f64,
+    /// Diagonal of the box around the nodes at rest \[m\].
+    pub size: f64,
     /// Displacement of the known nodes at time 0 \[m\].
     pub start_displacement: Vec<Vec3>,
     /// Tells saved states of different models apart.
@@ -234,6 +236,10 @@ impl Model {
         };
         let longest_edge = lengths().fold(0.0, f64::max);
         let mean_edge = lengths().sum::<f64>() / (6 * mesh.tetrahedra.len()) as f64;
+        let (low, high) = (mesh.nodes.iter()).fold(
+            (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY)),
+            |(low, high), x| (low.inf(x), high.sup(x)),
+        );
         let mut model = Model {
             file: file.to_string(),
             report,
@@ -263,6 +269,7 @@ impl Model {
             surface_nodes: Vec::new(),
             longest_edge,
             mean_edge,
+            size: (high - low).norm(),
             start_displacement: vec![Vec3::zeros(); parts.known],
             parts,
             fingerprint,

@@ -1,7 +1,7 @@
 //! Speed of one linear substep and of one of springs, beside the machine's own limits in the same run.
 //!
 //! `cargo bench -p tissue --bench step`, `-- --large` for organs of 100 000 tetrahedra and more, `-- --tearing` for tearing alone,
-//! `-- --contact` for tools that slide. Prints CSV: what, median and best, so that ratios travel from
+//! `-- --contact` for tools that slide, `-- --idle` for scenes at rest. Prints CSV: what, median and best, so that ratios travel from
 //! machine to machine. Medians of interleaved runs; nothing here fails on time.
 
 use std::hint::black_box;
@@ -15,7 +15,7 @@ use tissue::model::precomputed::compute;
 use tissue::model::sweep::{Advance, Motion, plain, sweep};
 use tissue::model::tensor_mass::Lane;
 use tissue::model::{Model, spring_sweep};
-use tissue::scene::{Friction, ModelKind, Scheme, Shape, Start, Tool, ToolKind};
+use tissue::scene::{Friction, ModelKind, OutputVertices, Scheme, Shape, Start, Tool, ToolKind};
 use tissue::simulation::Simulation;
 use tissue::tear::Tears;
 
@@ -111,6 +111,10 @@ fn main() {
         contact();
         return;
     }
+    if std::env::args().any(|a| a == "--idle") {
+        idle();
+        return;
+    }
     if std::env::args().any(|a| a == "--large-deformation") {
         large_deformation();
         return;
@@ -172,6 +176,7 @@ fn main() {
     }
     do_step("liver", LIVER, 1e-3);
     tearing("liver", LIVER);
+    idle();
     do_step("hybrid liver", HYBRID, 1e-3);
     large_deformation();
     let statics = quasi_static(LIVER, 0.018);
@@ -207,6 +212,60 @@ fn large_deformation() {
             .replacen(r#""start""#, &format!(r#""model": {settings}, "start""#), 1);
         let count = model(&text).shape.len();
         do_step(&format!("liver of {count} {what}"), &text, 1e-3);
+    }
+}
+
+/// Scenes in which nothing moves, asleep and kept awake; and what it costs to have vertices among the variables that nobody reads.
+fn idle() {
+    let name = "liver";
+    let mut asleep = Simulation::new(model(LIVER));
+    let whole = asleep.model().clone();
+    let mut steps = 0;
+    while !asleep.state().sleep.asleep {
+        asleep.step(1e-3).expect("a step");
+        steps += 1;
+        assert!(steps < 20_000, "{name} does not sleep");
+    }
+    println!("{name}: asleep after,{steps},,ms");
+    let with = |vertices| {
+        let mut scene = whole.scene.clone();
+        scene.outputs.vertices = vertices;
+        Simulation::new(Arc::new(whole.with_scene(scene).expect("the same mesh")))
+    };
+    // Tissue that cannot tear takes no notice of it but wakes.
+    let awake = |s: &mut Simulation| {
+        let now = s.parameters().tearing_threshold;
+        s.set_tearing_threshold(if now == 1.0 { 2.0 } else { 1.0 });
+        s.step(1e-3).expect("a step");
+    };
+    let (mut none, mut surface, mut all, mut read) = (
+        with(OutputVertices::None),
+        with(OutputVertices::Surface),
+        with(OutputVertices::All),
+        with(OutputVertices::All),
+    );
+    let results = interleaved(
+        201,
+        20,
+        &mut [
+            ("asleep", &mut || asleep.step(1e-3).expect("a step")),
+            ("awake, all vertices", &mut || awake(&mut all)),
+            ("awake, surface", &mut || awake(&mut surface)),
+            ("awake, no vertices", &mut || awake(&mut none)),
+            ("awake, all vertices read", &mut || {
+                awake(&mut read);
+                for j in 0..read.model().surface_nodes.len() {
+                    black_box(read.surface_vertex(j));
+                }
+            }),
+        ],
+    );
+    for (what, median, best) in &results {
+        println!(
+            "{name}: step of 1 ms {what},{:.3},{:.3},us",
+            1e6 * median,
+            1e6 * best
+        );
     }
 }
 

@@ -69,6 +69,15 @@ pub fn run(path: &Path, json: bool) -> Result<(), Error> {
         1e3 * i.substep,
         1e6 * i.seconds_per_substep
     ));
+    if let Some(shares) = &i.substep_shares {
+        lines.push(format!(
+            "               sweep {:.0} %, coupling {:.0} %, search for contact {:.0} %, rest {:.0} %",
+            100.0 * shares.sweep,
+            100.0 * shares.coupling,
+            100.0 * shares.contact,
+            100.0 * shares.rest
+        ));
+    }
     lines.push(format!(
         "  memory       {:.1} MB an instance",
         i.memory_bytes as f64 / 1e6
