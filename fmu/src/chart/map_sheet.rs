@@ -36,6 +36,14 @@ fn sentence(outcome: Outcome) -> &'static str {
     }
 }
 
+/// What a viewer shows of a cell that is pointed at.
+fn tip(cell: &Cell) -> String {
+    match cell.symptom.as_str() {
+        "" => String::new(),
+        symptom => format!("<title>{}</title>", escape(symptom)),
+    }
+}
+
 /// Two or three digits, as short as can be.
 fn short(value: f64) -> String {
     let text = match value.abs() {
@@ -86,33 +94,36 @@ pub fn svg(map: &MapRow, found: &[Found], quick: bool) -> String {
         // Writing to a String cannot fail.
         let _ = writeln!(
             text,
-            "<text x=\"{}\" y=\"{}\" font-size=\"12\" font-weight=\"600\" fill=\"{INK}\">{}</text>",
+            "<text x=\"{}\" y=\"{}\" font-size=\"{}\" font-weight=\"600\" fill=\"{INK}\">{}</text>",
             px(x0),
             px(y0 - 8.0),
+            if map.columns > 2 { 11 } else { 12 },
             escape(name)
         );
+        let _ = writeln!(text, "<g stroke=\"{CARD}\">");
         let mut outline = String::new();
+        let mut numbers = String::new();
         for y in 0..ys.len() {
             for x in 0..xs.len() {
                 let Some(cell) = at(x, y) else { continue };
                 let (cx, cy) = place(x, y);
                 let _ = writeln!(
                     text,
-                    "<rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" fill=\"{}\" stroke=\"{CARD}\"><title>{}</title></rect>",
+                    "<rect x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" fill=\"{}\">{}</rect>",
                     px(cx),
                     px(cy),
                     px(wide),
                     px(CELL),
                     fill(cell.outcome),
-                    escape(&format!("{}. {}", sentence(cell.outcome), cell.symptom))
+                    tip(cell)
                 );
                 if let Some(value) = cell
                     .value
                     .filter(|_| wide >= ROOM && !map.measure.is_empty())
                 {
                     let _ = writeln!(
-                        text,
-                        "<text x=\"{}\" y=\"{}\" font-size=\"{TICK}\" text-anchor=\"middle\" fill=\"{INK}\">{}</text>",
+                        numbers,
+                        "<text x=\"{}\" y=\"{}\">{}</text>",
                         px(cx + 0.5 * wide),
                         px(cy + 0.5 * CELL + 4.0),
                         short(value)
@@ -145,6 +156,10 @@ pub fn svg(map: &MapRow, found: &[Found], quick: bool) -> String {
                 }
             }
         }
+        let _ = writeln!(
+            text,
+            "</g>\n<g font-size=\"{TICK}\" text-anchor=\"middle\" fill=\"{INK}\">\n{numbers}</g>"
+        );
         if !outline.is_empty() {
             let _ = writeln!(
                 text,
