@@ -72,12 +72,12 @@ pub fn svg(map: &MapRow, found: &[Found], quick: bool) -> String {
     let left = MARGIN + 20.0 + widest + 8.0;
     let columns = map.columns as f64;
     let wide = ((WIDTH - left - MARGIN + GAP) / columns - GAP) / xs.len() as f64;
-    let wide = wide.min(90.0);
+    let wide = wide.min(150.0);
     let tall = ys.len() as f64 * CELL;
     let panel_height = 22.0 + tall + 44.0;
     let rows = map.panels.len().div_ceil(map.columns);
     let height = HEAD + rows as f64 * panel_height;
-    let mut text = head(map, height);
+    let mut text = head(map, found, height);
     for (panel, name) in map.panels.iter().enumerate() {
         let column = panel % map.columns;
         let x0 = left + column as f64 * (xs.len() as f64 * wide + GAP);
@@ -212,7 +212,7 @@ pub fn svg(map: &MapRow, found: &[Found], quick: bool) -> String {
     text + "</svg>\n"
 }
 
-fn head(map: &MapRow, height: f64) -> String {
+fn head(map: &MapRow, found: &[Found], height: f64) -> String {
     let (w, h) = (px(WIDTH), px(height));
     let mut text = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w}\" height=\"{h}\" viewBox=\"0 0 {w} {h}\" \
@@ -230,16 +230,21 @@ fn head(map: &MapRow, height: f64) -> String {
         escape(map.sentence)
     );
     let mut x = MARGIN;
-    for outcome in Outcome::ALL {
+    let there = |o: &Outcome| found.iter().any(|f| f.cell.outcome == *o);
+    for outcome in Outcome::ALL.into_iter().filter(there) {
+        let name = match outcome {
+            Outcome::Failed => format!("failed: {}", map.failed),
+            _ => sentence(outcome).to_string(),
+        };
         let _ = writeln!(
             text,
             "<rect x=\"{}\" y=\"58\" width=\"14\" height=\"12\" fill=\"{}\"/><text x=\"{}\" y=\"68\">{}</text>",
             px(x),
             fill(outcome),
             px(x + 19.0),
-            sentence(outcome)
+            escape(&name)
         );
-        x += 42.0 + text_width(sentence(outcome), 12.0);
+        x += 42.0 + text_width(&name, 12.0);
     }
     let _ = writeln!(
         text,
