@@ -263,3 +263,43 @@ fn head(map: &MapRow, found: &[Found], height: f64) -> String {
     }
     text + "</g>\n"
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::maps::MAPS;
+    use super::*;
+
+    /// With all outcomes in the key, and beside the region the measure.
+    #[test]
+    fn heads_fit() {
+        for map in &MAPS {
+            let names = Outcome::ALL.map(|o| match o {
+                Outcome::Failed => format!("failed: {}", map.failed),
+                _ => sentence(o).to_string(),
+            });
+            let wide = |name: &String| 42.0 + text_width(name, 12.0);
+            // All five are in the map of substeps alone.
+            let shown = if map.name == "substep" { 0 } else { 2 };
+            let key: f64 = names[shown..].iter().map(wide).sum();
+            assert!(MARGIN + key - 23.0 < WIDTH, "{}: {key}", map.name);
+            let below = text_width(map.region, 12.0) + text_width(map.measure, 12.0) + 60.0;
+            assert!(below + 3.0 * MARGIN < WIDTH, "{}: {below}", map.name);
+            let sentence = text_width(map.sentence, 12.0);
+            assert!(sentence + 2.0 * MARGIN < WIDTH, "{}: {sentence}", map.name);
+        }
+    }
+
+    #[test]
+    fn numbers_are_short() {
+        let cases = [
+            (775.87, "776"),
+            (0.0, "0"),
+            (-0.101, "-0.10"),
+            (2.5e-4, "3e-4"),
+            (1.36, "1.4"),
+        ];
+        for (value, text) in cases {
+            assert_eq!(short(value), text);
+        }
+    }
+}
