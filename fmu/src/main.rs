@@ -65,7 +65,10 @@ enum Command {
         /// Two scenes, two mesh sizes, one gesture: less than two minutes.
         #[arg(long)]
         quick: bool,
-        /// Folder for chart.csv, front.md and the pictures.
+        /// Instead: maps of where methods fail, each point a run; with --quick on coarse grids.
+        #[arg(long)]
+        maps: bool,
+        /// Folder for chart.csv, front.md and the pictures; of maps for stability.csv and theirs.
         #[arg(short, long, default_value = "target/chart")]
         output: PathBuf,
     },
@@ -103,7 +106,12 @@ fn main() -> ExitCode {
             rates,
             output,
         } => command::run::run(&model, motion.as_deref(), stop, step, rates, &output),
-        Command::Chart { quick, output } => command::chart::run(quick, &output),
+        Command::Chart {
+            quick,
+            maps: true,
+            output,
+        } => command::chart::run_maps(quick, &output),
+        Command::Chart { quick, output, .. } => command::chart::run(quick, &output),
         Command::Inspect { model, json } => command::inspect::run(&model, json),
         Command::Reference {
             scene,

@@ -1,11 +1,11 @@
-//! `chart`: speed against accuracy of every setting.
+//! `chart`: speed against accuracy of every setting, and maps of where methods fail.
 
 use std::io::Write;
 use std::path::Path;
 use std::time::Instant;
 
 use super::{bar, say};
-use crate::chart::{record, sheet, study};
+use crate::chart::{map_sheet, maps, record, sheet, study};
 use crate::error::{Error, file};
 use crate::write;
 
@@ -37,5 +37,36 @@ pub fn run(quick: bool, output: &Path) -> Result<(), Error> {
         path.display(),
         start.elapsed().as_secs_f64(),
         rows - made
+    ))
+}
+
+/// `--maps`: runs each map, one thread, and draws it.
+pub fn run_maps(quick: bool, output: &Path) -> Result<(), Error> {
+    std::fs::create_dir_all(output).map_err(file(output))?;
+    let count = |map: &maps::MapRow| {
+        map.panels.len() * map.x.places(quick).len() * map.y.places(quick).len()
+    };
+    let points: usize = maps::MAPS.iter().map(count).sum();
+    let progress = bar(points as u64, "running");
+    let start = Instant::now();
+    let put = |path: &Path, text: &str| write::whole(path, |out| out.write_all(text.as_bytes()));
+    let mut text = format!("{}\n", maps::HEADER);
+    let mut failed = 0;
+    for map in &maps::MAPS {
+        let found = maps::run(map, quick, || progress.inc(1));
+        failed += (found.iter())
+            .filter(|f| f.cell.outcome == maps::Outcome::Failed)
+            .count();
+        text += &maps::csv(map, &found);
+        let name = format!("stability_{}.svg", map.name);
+        put(&output.join(name), &map_sheet::svg(map, &found, quick))?;
+    }
+    let path = output.join("stability.csv");
+    put(&path, &text)?;
+    progress.finish_and_clear();
+    say(&format!(
+        "{}: {points} points run in {:.0} s, {failed} failed",
+        path.display(),
+        start.elapsed().as_secs_f64()
     ))
 }
