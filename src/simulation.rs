@@ -173,18 +173,22 @@ impl Simulation {
     /// Advances by `length` \[s\]; on an error nothing has changed.
     pub fn step(&mut self, length: f64) -> Result<(), StepError> {
         let before = self.state.length;
-        let hasty = step::hasty(&self.model, &self.state, length);
+        let stable = step::stable(&self.model, &self.state, length).unwrap_or(0);
+        let foreseen = stable.max(step::hasty(&self.model, &self.state, length));
         let outcome = step::step(&self.model, &mut self.state, &mut self.work, length);
         // What was evaluated of tissue that slept on is still so; the tangent is that of a step as long.
         if !(self.work.slept && outcome.is_ok() && self.state.length == before) {
             self.forget();
         }
         let halvings = outcome?;
-        self.halvings = if halvings > hasty { halvings } else { 0 };
+        self.halvings = match halvings > foreseen {
+            true => halvings,
+            false => stable,
+        };
         Ok(())
     }
 
-    /// How often the last step had to halve its substep.
+    /// How often the last step had to halve its substep to be stable.
     pub fn halvings(&self) -> u32 {
         self.halvings
     }

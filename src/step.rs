@@ -215,18 +215,27 @@ pub fn step(
 /// Halvings that a step needs at least: the limit is known, of springs for any stretch, so that none must run into
 /// it first.
 pub(crate) fn foreseen(model: &Model, state: &State, length: f64) -> Result<u32, StepError> {
+    let (stable, hasty) = (stable(model, state, length)?, hasty(model, state, length));
+    Ok(stable.max(hasty))
+}
+
+/// Those of them that stability needs.
+pub(crate) fn stable(model: &Model, state: &State, length: f64) -> Result<u32, StepError> {
     let (_, substep) = division(length, state.nominal_substep);
     let critical = critical_substep(model, state);
     let foreseen = (substep / critical).log2().ceil().max(0.0);
     if foreseen > f64::from(RETRIES) {
         return Err(StepError::Unstable(substep, critical));
     }
-    Ok((foreseen as u32).max(hasty(model, state, length)))
+    Ok(foreseen as u32)
 }
 
 /// Halvings after which no tool goes far in a substep; one is left for what else may come. Whether tissue is near does not count:
-/// substeps shall not depend on how a host splits time.
+/// substeps shall not depend on how a host splits time. Implicit Euler would need another factor.
 pub(crate) fn hasty(model: &Model, state: &State, length: f64) -> u32 {
+    if model.scheme() == Scheme::ImplicitEuler {
+        return 0;
+    }
     let (_, substep) = division(length, state.nominal_substep);
     let haste = (0..state.tools.len()).map(|k| {
         let tool = &state.tools[k];
