@@ -401,3 +401,49 @@ pub(crate) unsafe fn product<V: Four>(m: &Square<V>, a: Three<V>) -> Three<V> {
 pub(crate) unsafe fn cofactors<V: Four>(f: &Square<V>) -> Square<V> {
     unsafe { [cross(f[1], f[2]), cross(f[2], f[0]), cross(f[0], f[1])] }
 }
+
+/// How far any node has moved at most from where it was seen \[m\]: of the largest difference of each component.
+pub(crate) fn most_moved(seen: &[Lane], u: &[Lane]) -> f64 {
+    #[cfg(target_arch = "x86_64")]
+    if has_avx2() {
+        // SAFETY: it is there.
+        return unsafe { moved_avx2(seen, u) };
+    }
+    // SAFETY: plain code needs no machine.
+    unsafe { moved::<Plain>(seen, u) }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
+unsafe fn moved_avx2(seen: &[Lane], u: &[Lane]) -> f64 {
+    // SAFETY: the caller's.
+    unsafe { moved::<Avx2>(seen, u) }
+}
+
+#[inline(always)]
+unsafe fn moved<V: Four>(seen: &[Lane], u: &[Lane]) -> f64 {
+    // SAFETY: the caller's.
+    unsafe {
+        // Several at a time, as each waits for the last of its own.
+        let zero = V::splat(0.0);
+        let (mut least, mut most) = ([zero; 4], [zero; 4]);
+        let (u, rest) = u.as_chunks::<4>();
+        let (seen, others) = seen.as_chunks::<4>();
+        for (u, seen) in u.iter().zip(seen) {
+            for k in 0..4 {
+                let d = V::load(&u[k].0).sub(V::load(&seen[k].0));
+                least[k] = d.min(least[k]);
+                most[k] = d.max(most[k]);
+            }
+        }
+        for (u, seen) in rest.iter().zip(others) {
+            let d = V::load(&u.0).sub(V::load(&seen.0));
+            least[0] = d.min(least[0]);
+            most[0] = d.max(most[0]);
+        }
+        let least = least[0].min(least[1]).min(least[2].min(least[3]));
+        let most = most[0].max(most[1]).max(most[2].max(most[3]));
+        let [x, y, z, _] = most.max(V::splat(0.0).sub(least)).store();
+        (x * x + y * y + z * z).sqrt()
+    }
+}

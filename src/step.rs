@@ -120,6 +120,7 @@ impl Workspace {
     /// The state is another one.
     pub(crate) fn forget(&mut self) {
         self.tears.forget();
+        self.slide.forget();
         if let Some(listed) = &mut self.listed {
             listed.forget();
         }

@@ -3,6 +3,8 @@
 pub mod burn;
 pub mod geometry;
 pub mod hold;
+mod nearby;
 pub mod press;
 pub mod shape;
 pub mod slide;
+mod solve;

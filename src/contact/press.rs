@@ -12,7 +12,8 @@
 //! quadratic, so that the trapezoid of forces along displacements is all that the tissue takes up; the rest of what the tool
 //! does is friction.
 
-use super::slide::{Contact, Place, Scratch, Substep, within_cone};
+use super::slide::{Contact, Place, Scratch, Substep};
+use super::solve::within_cone;
 use crate::couple::Coupling;
 use crate::mesh::Vec3;
 use crate::model::Model;

@@ -15,8 +15,10 @@
 
 use super::geometry::Capsule;
 use super::hold;
+use super::nearby::{self, Nearby};
 use super::press::{self, Press};
 use super::shape::ToolShape;
+use super::solve::{Touch, solve};
 use crate::loose;
 use crate::mesh::Vec3;
 use crate::model::Model;
@@ -26,10 +28,6 @@ use crate::pose::Pose;
 use crate::scene::{Friction, ToolKind};
 use crate::state::State;
 
-/// Passes through the places of a substep at most.
-const MOST_PASSES: usize = 100;
-/// Passes end when no force changes by more than this share of the largest.
-const SETTLED: f64 = 1e-11;
 /// What is nearer than this share of the radius at a haptic tick, and what tool and tissue can move until the next one,
 /// is looked at.
 const MARGIN: f64 = 0.25;
@@ -114,56 +112,6 @@ impl Contact {
     }
 }
 
-/// A contact in a substep.
-#[derive(Clone, Copy, Debug)]
-struct Touch {
-    at: usize,
-    nodes: [usize; 3],
-    /// b_i, which sum to 1.
-    weight: [f64; 3],
-    place: Vec3,
-    normal: Vec3,
-    /// Of the place as it was at the start of the substep and the tool at its end \[m\].
-    gap: f64,
-    /// v_t \[m/s\], and in the substep before.
-    tool: Vec3,
-    before: Vec3,
-    /// n . W n, and the largest of W \[m/(s N)\].
-    along: f64,
-    across: f64,
-    friction: f64,
-    force: Vec3,
-    /// gain b_i / m_i of each node, and how many there are.
-    push: [Lane; 3],
-    count: usize,
-    /// Of the force, in the last pass, and the direction of the passes so far.
-    change: Vec3,
-    along_way: Vec3,
-}
-
-impl Touch {
-    #[inline(always)]
-    fn give(&self, force: &Vec3, velocity: &mut [Lane]) {
-        for (i, push) in self.nodes[..self.count].iter().zip(&self.push) {
-            let v = &mut velocity[*i].0;
-            for axis in 0..3 {
-                v[axis] += push.0[axis] * force[axis];
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn velocity(&self, velocity: &[Lane]) -> Vec3 {
-        let mut sum = [0.0; 3];
-        for (i, b) in self.nodes[..self.count].iter().zip(self.weight) {
-            for axis in 0..3 {
-                sum[axis] += b * velocity[*i].0[axis];
-            }
-        }
-        Vec3::from(sum)
-    }
-}
-
 /// Reused from substep to substep.
 #[derive(Debug, Default)]
 pub struct Scratch {
@@ -172,8 +120,7 @@ pub struct Scratch {
     before: Vec<Contact>,
     nodes: Vec<u32>,
     pub(super) shape: Vec<Capsule>,
-    /// A node each: whether it may be in reach.
-    near: Vec<bool>,
+    nearby: Nearby,
     /// A node each, of old where nothing touches: velocities as the sweep has left them, or accelerations.
     swept: Vec<Lane>,
 }
@@ -190,9 +137,16 @@ impl Scratch {
             before: Vec::with_capacity(room),
             nodes: Vec::with_capacity(3 * room),
             shape: Vec::with_capacity(model.tools.iter().map(ToolShape::capsules).sum()),
-            near: vec![false; model.parts.known],
+            nearby: Nearby::with_room(model, |k| coefficient(model, k).is_some()),
             swept: vec![Lane::default(); model.parts.known],
         }
+    }
+}
+
+impl Scratch {
+    /// The state is another one.
+    pub fn forget(&mut self) {
+        self.nearby.forget();
     }
 }
 
@@ -240,11 +194,13 @@ pub fn find(model: &Model, state: &mut State, k: usize, way: f64, work: &mut Scr
         return;
     }
     let first = state.contacts.len();
+    let nearby = &mut work.nearby;
+    nearby.refresh(model, state, k, MARGIN * model.tools[k].most_radius() + way);
     for (c, capsule) in model.tools[k].at(&state.tools[k].pose).enumerate() {
         find_near(
             model,
             state,
-            &mut work.near,
+            nearby.faces(k, c),
             (tool, c as u32),
             &capsule,
             way,
@@ -269,17 +225,19 @@ pub fn find(model: &Model, state: &mut State, k: usize, way: f64, work: &mut Scr
     state.contacts.truncate(count);
 }
 
-/// By vertices first: those of what is in reach lie within an edge of it.
+/// Of these faces.
 fn find_near(
     model: &Model,
     state: &mut State,
-    near: &mut [bool],
+    faces: &[u32],
     (tool, c): (u32, u32),
     capsule: &Capsule,
     way: f64,
 ) {
-    let reach = (1.0 + MARGIN) * capsule.radius + way;
-    let (low, high) = capsule.bounds(reach - capsule.radius + STRETCH * model.longest_edge);
+    let beyond = MARGIN * capsule.radius + way;
+    let reach = capsule.radius + beyond;
+    // What is in reach has its vertices within an edge of it.
+    let known = reach + STRETCH * model.longest_edge;
     let State {
         live,
         contacts,
@@ -288,15 +246,6 @@ fn find_near(
     } = state;
     let moving = model.parts.moving as u32;
     let touchable = moving + model.parts.touchable as u32;
-    let mut any = false;
-    for (i, near) in near.iter_mut().enumerate() {
-        let x = live.rest[i] + displacement[i].xyz();
-        *near = (0..3).all(|axis| low[axis] <= x[axis] && x[axis] <= high[axis]);
-        any |= *near;
-    }
-    if !any {
-        return;
-    }
     let mut add = |capsule, nodes, place| {
         contacts.push(Contact {
             tool,
@@ -307,23 +256,22 @@ fn find_near(
             velocity: Vec3::zeros(),
         });
     };
-    for face in &live.surface {
-        let uncut = &model.topology.faces[*face as usize].vertices;
-        if live.splits.is_empty() && !uncut.iter().all(|v| *v < touchable && near[*v as usize]) {
-            continue;
-        }
+    for face in faces {
         let nodes = live.triangle(model, *face);
-        if !nodes.iter().all(|v| *v < touchable && near[*v as usize]) {
+        if nodes.iter().any(|v| *v >= touchable) {
             continue;
         }
         let x = nodes.map(|v| live.rest[v as usize] + displacement[v as usize].xyz());
+        if !nearby::is_near(capsule, &x, beyond)
+            || x.iter().any(|x| capsule.axis_distance(x) > known)
+        {
+            continue;
+        }
         let middle = (x[0] + x[1] + x[2]) / 3.0;
         let normal = (x[1] - x[0]).cross(&(x[2] - x[0]));
-        let each = x.iter().map(|x| (x - middle).norm_squared());
-        let size = each.fold(0.0, f64::max).sqrt();
         let nearest = capsule.on_axis(&middle);
         // Only what faces the axis can be pushed away from it.
-        if (nearest - middle).norm() > reach + size || (nearest - middle).dot(&normal) <= 0.0 {
+        if (nearest - middle).dot(&normal) <= 0.0 {
             continue;
         }
         let mut sorted = nodes;
@@ -533,69 +481,13 @@ fn touch(
             force: last,
             push,
             count,
+            before_step: Vec3::zeros(),
             change: Vec3::zeros(),
             along_way: Vec3::zeros(),
         });
     }
     work.nodes.sort_unstable();
     work.nodes.dedup();
-}
-
-/// The nearest to a force of those with a given part along the normal n.
-pub(super) fn within_cone(n: &Vec3, friction: f64, force: Vec3, pressed: f64) -> Vec3 {
-    let across = force - n * force.dot(n);
-    let (size, most) = (across.norm(), friction * pressed);
-    match size > most {
-        true => n * pressed + across * (most / size),
-        false => n * pressed + across,
-    }
-}
-
-/// Forces of all that touches, and the velocities they lead to: Gauss and Seidel's passes, with conjugate directions between
-/// them as long as the passes change ever less. (Silcowitz, Niebe, Erleben 2010.)
-fn solve(touches: &mut [Touch], h: f64, velocity: &mut [Lane]) {
-    for touch in touches.iter_mut() {
-        // Normals turn; the cone is kept.
-        let pressed = touch.force.dot(&touch.normal).max(0.0);
-        touch.force = within_cone(&touch.normal, touch.friction, touch.force, pressed);
-        touch.give(&touch.force, velocity);
-    }
-    let mut before = 0.0;
-    for pass in 0..MOST_PASSES {
-        let (mut change, mut largest, mut square) = (0.0f64, 0.0f64, 0.0);
-        for touch in touches.iter_mut() {
-            let v = touch.velocity(velocity);
-            let n = touch.normal;
-            let gap = touch.gap / h + n.dot(&v);
-            let pressed = (touch.force.dot(&n) - gap / touch.along).max(0.0);
-            let sticking = touch.force - (v - touch.tool) / touch.across;
-            let force = within_cone(&n, touch.friction, sticking, pressed);
-            touch.change = force - touch.force;
-            touch.force = force;
-            touch.give(&touch.change, velocity);
-            square += touch.change.norm_squared();
-            change = change.max(touch.change.amax());
-            largest = largest.max(force.amax());
-        }
-        if change <= SETTLED * largest {
-            break;
-        }
-        let share = match pass {
-            0 => 0.0,
-            _ => square / before,
-        };
-        before = square;
-        for touch in touches.iter_mut() {
-            if share > 1.0 {
-                touch.along_way = Vec3::zeros();
-                continue;
-            }
-            let more = touch.along_way * share;
-            touch.along_way = more + touch.change;
-            touch.force += more;
-            touch.give(&more, velocity);
-        }
-    }
 }
 
 /// Force \[N\] and torque \[N m\] of what slides on each tool at the end of a step, without inertia: of the forces that keep
@@ -620,92 +512,4 @@ pub fn read_forces(model: &Model, state: &mut State, loose: &loose::Scratch, wor
         tool.in_contact = true;
     }
     press::read_forces(state);
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Places on few nodes, some of which are held along an axis, driven together: forces are in their cones, what is pressed
-    /// does not enter, and what lies within the cone does not slip.
-    #[test]
-    fn forces_are_in_their_cones() {
-        let mut seed = 7u64;
-        let mut random = move || {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            (seed >> 33) as f64 / f64::from(1u32 << 30) - 1.0
-        };
-        let (mut sticks, mut slides, mut leaves) = (0, 0, 0);
-        for round in 0..100 {
-            let count = 12;
-            let inverse_mass: Vec<Lane> = (0..count)
-                .map(|i| match i % 5 {
-                    0 => Lane([0.0, 1e4, 1e4, 0.0]),
-                    _ => Lane([8e3; 4]),
-                })
-                .collect();
-            let velocity: Vec<Lane> = (0..count)
-                .map(|_| Lane([random(), random(), random() + 0.5, 0.0]))
-                .collect();
-            let friction = [0.0, 0.3, 1.5][round % 3];
-            let mut touches: Vec<Touch> = (0..6)
-                .map(|k| {
-                    let nodes = [2 * k, 2 * k + 1, (2 * k + 2) % count];
-                    let weight = [0.2, 0.3, 0.5];
-                    let tilt = Vec3::new(0.2 * random(), 0.2 * random(), -1.0);
-                    let normal = tilt.normalize();
-                    let gain = 1e-4;
-                    let (mut w, mut push) = (Vec3::zeros(), [Lane::default(); 3]);
-                    for (k, (i, b)) in nodes.iter().zip(weight).enumerate() {
-                        for axis in 0..3 {
-                            push[k].0[axis] = b * gain * inverse_mass[*i].0[axis];
-                            w[axis] += b * push[k].0[axis];
-                        }
-                    }
-                    Touch {
-                        at: k,
-                        nodes,
-                        weight,
-                        place: Vec3::zeros(),
-                        normal,
-                        gap: 1e-5 * random(),
-                        tool: Vec3::new(0.3 * random(), 0.0, 0.0),
-                        before: Vec3::zeros(),
-                        along: normal.dot(&normal.component_mul(&w)),
-                        across: w.max(),
-                        friction,
-                        force: Vec3::zeros(),
-                        push,
-                        count: 3,
-                        change: Vec3::zeros(),
-                        along_way: Vec3::zeros(),
-                    }
-                })
-                .collect();
-            let mut after = velocity;
-            solve(&mut touches, 1e-4, &mut after);
-            for touch in &touches {
-                let n = touch.normal;
-                let pressed = touch.force.dot(&n);
-                let rubbed = (touch.force - n * pressed).norm();
-                assert!(pressed >= 0.0 && rubbed <= friction * pressed * (1.0 + 1e-12) + 1e-12);
-                let nodes = touch.nodes.iter().zip(touch.weight);
-                let v: Vec3 = nodes.map(|(i, b)| after[*i].xyz() * b).sum();
-                let gap = touch.gap / 1e-4 + n.dot(&v);
-                assert!(gap > -2e-3, "{gap}");
-                let slip = v - touch.tool;
-                let slip = (slip - n * slip.dot(&n)).norm();
-                if pressed == 0.0 {
-                    leaves += 1;
-                } else if rubbed < 0.99 * friction * pressed {
-                    assert!(slip < 2e-3, "{slip}");
-                    sticks += 1;
-                } else {
-                    slides += 1;
-                }
-            }
-        }
-        println!("{sticks} stick, {slides} slide, {leaves} leave");
-        assert!(sticks > 20 && slides > 100 && leaves > 20);
-    }
 }

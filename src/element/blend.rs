@@ -582,7 +582,7 @@ impl Listed {
     /// Lists anew if nodes may have moved too far since.
     pub fn refresh(&mut self, blend: &Blend, revision: u64, u: &[Lane]) {
         let same = (revision, blend.threshold) == (self.revision, self.threshold);
-        if same && self.calm > 0.0 && self.moved(u) < self.calm {
+        if same && self.calm > 0.0 && lanes::most_moved(&self.seen, u) < self.calm {
             return;
         }
         (self.revision, self.threshold) = (revision, blend.threshold);
@@ -597,53 +597,6 @@ impl Listed {
             }
             self.group.push(own);
         }
-    }
-
-    /// How far any node has moved at most \[m\].
-    fn moved(&self, u: &[Lane]) -> f64 {
-        #[cfg(target_arch = "x86_64")]
-        if lanes::has_avx2() {
-            // SAFETY: it is there.
-            return unsafe { moved_avx2(&self.seen, u) };
-        }
-        // SAFETY: plain code needs no machine.
-        unsafe { moved::<Plain>(&self.seen, u) }
-    }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma")]
-unsafe fn moved_avx2(seen: &[Lane], u: &[Lane]) -> f64 {
-    // SAFETY: the caller's.
-    unsafe { moved::<lanes::Avx2>(seen, u) }
-}
-
-/// By the largest difference of each component.
-#[inline(always)]
-unsafe fn moved<V: Four>(seen: &[Lane], u: &[Lane]) -> f64 {
-    // SAFETY: the caller's.
-    unsafe {
-        // Several at a time, as each waits for the last of its own.
-        let zero = V::splat(0.0);
-        let (mut least, mut most) = ([zero; 4], [zero; 4]);
-        let (u, rest) = u.as_chunks::<4>();
-        let (seen, others) = seen.as_chunks::<4>();
-        for (u, seen) in u.iter().zip(seen) {
-            for k in 0..4 {
-                let d = V::load(&u[k].0).sub(V::load(&seen[k].0));
-                least[k] = d.min(least[k]);
-                most[k] = d.max(most[k]);
-            }
-        }
-        for (u, seen) in rest.iter().zip(others) {
-            let d = V::load(&u.0).sub(V::load(&seen.0));
-            least[0] = d.min(least[0]);
-            most[0] = d.max(most[0]);
-        }
-        let least = least[0].min(least[1]).min(least[2].min(least[3]));
-        let most = most[0].max(most[1]).max(most[2].max(most[3]));
-        let [x, y, z, _] = most.max(V::splat(0.0).sub(least)).store();
-        (x * x + y * y + z * z).sqrt()
     }
 }
 
