@@ -298,7 +298,7 @@ fn model(text: &str) -> Result<Arc<Model>, String> {
 }
 
 /// What a watchdog says, as far as it differs from point to point.
-fn stopped(error: &StepError) -> String {
+pub fn stopped(error: &StepError) -> String {
     match error {
         StepError::Unstable(..) => "substep out of reach of four halvings".into(),
         StepError::NonFinite(at) => format!("not finite at {:.0} ms", 1e3 * at),
