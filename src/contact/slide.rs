@@ -9,7 +9,8 @@
 //! |lambda_t| <= mu n . lambda_c, against the slip v_c - v_t, or as large as keeps it from slipping.
 //!
 //! A force lambda_c moves the nodes by v_i += b_i gain / m_i lambda_c in the substep, so that each place answers to itself by
-//! W = sum b_i² gain / m_i, and to others by the nodes that they share. Projected Gauss and Seidel's iteration goes through
+//! W = sum b_i² gain / m_i, and to others by the nodes that they share. Beside held nodes, where b_i of the others is small, W has
+//! a least value, by which the place yields: a small force there would throw a light vertex far. Projected Gauss and Seidel's iteration goes through
 //! them in turn, from the forces of the substep before. (The papers hold vertices instead; this is the unilateral constraint at velocity
 //! level of the manual's section 11.)
 
@@ -40,6 +41,11 @@ pub(crate) const STRETCH: f64 = 1.25;
 const LEAST_INSIDE: f64 = 0.7;
 /// Depth, in radii, that a substep makes good at most: what is deeper comes out over several.
 pub(super) const MOST_DEPTH: f64 = 0.1;
+/// The same of dynamic tissue, beside what the tool moves in the substep: what is thrown out keeps its speed.
+const MOST_THROW: f64 = 0.01;
+/// Weight of vertices that may move in a place beside held ones, at least, up to which it answers to its force as it is. With
+/// less it yields as if this were their weight, or they would be thrown by a lever of any length.
+const LEAST_LEVER: f64 = 0.3;
 
 /// Of a vertex, an edge or a face.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -131,6 +137,8 @@ struct Touch {
     /// n . W n, and the largest of W \[m/(s N)\].
     along: f64,
     across: f64,
+    /// How far it gives way to its force, where it is held \[m/(s N)\].
+    yields: f64,
     friction: f64,
     force: Vec3,
     /// gain b_i / m_i of each node, and how many there are.
@@ -512,6 +520,13 @@ fn touch(
         }
         let moved = from.map(|from| place - from[k].point(&pose.local(&place)));
         let tool = moved.map_or(Vec3::zeros(), |way| way / by.substep);
+        let ease = |i: &usize| normal.dot(&normal.component_mul(&state.inverse_mass[*i].xyz()));
+        let eases = nodes.iter().map(ease);
+        let yields = match eases.clone().fold(f64::MAX, f64::min) == 0.0 {
+            true => gain * LEAST_LEVER * LEAST_LEVER * eases.fold(0.0, f64::max),
+            false => 0.0,
+        };
+        let by_tool = moved.map_or(0.0, |way| normal.dot(&way).max(0.0));
         work.nodes.extend(contact.nodes);
         work.touches.push(Touch {
             at,
@@ -519,7 +534,7 @@ fn touch(
             weight,
             place,
             normal,
-            gap: gap.max(-MOST_DEPTH * capsule.radius),
+            gap: gap.max(-MOST_THROW * capsule.radius - by_tool),
             tool,
             // What has just come is struck.
             before: if last == Vec3::zeros() {
@@ -529,6 +544,7 @@ fn touch(
             },
             along,
             across: w.max(),
+            yields: (yields - along).max(0.0),
             friction: coefficient(model, k).unwrap_or(0.0),
             force: last,
             push,
@@ -567,8 +583,10 @@ fn solve(touches: &mut [Touch], h: f64, velocity: &mut [Lane]) {
             let v = touch.velocity(velocity);
             let n = touch.normal;
             let gap = touch.gap / h + n.dot(&v);
-            let pressed = (touch.force.dot(&n) - gap / touch.along).max(0.0);
-            let sticking = touch.force - (v - touch.tool) / touch.across;
+            let yields = touch.yields;
+            let pressed = (touch.force.dot(&n) * touch.along - gap) / (touch.along + yields);
+            let pressed = pressed.max(0.0);
+            let sticking = (touch.force * touch.across - (v - touch.tool)) / (touch.across + yields);
             let force = within_cone(&n, touch.friction, sticking, pressed);
             touch.change = force - touch.force;
             touch.force = force;
@@ -673,6 +691,7 @@ mod tests {
                         before: Vec3::zeros(),
                         along: normal.dot(&normal.component_mul(&w)),
                         across: w.max(),
+                        yields: 0.0,
                         friction,
                         force: Vec3::zeros(),
                         push,
