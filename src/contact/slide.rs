@@ -586,7 +586,8 @@ fn solve(touches: &mut [Touch], h: f64, velocity: &mut [Lane]) {
             let yields = touch.yields;
             let pressed = (touch.force.dot(&n) * touch.along - gap) / (touch.along + yields);
             let pressed = pressed.max(0.0);
-            let sticking = (touch.force * touch.across - (v - touch.tool)) / (touch.across + yields);
+            let sticking =
+                (touch.force * touch.across - (v - touch.tool)) / (touch.across + yields);
             let force = within_cone(&n, touch.friction, sticking, pressed);
             touch.change = force - touch.force;
             touch.force = force;

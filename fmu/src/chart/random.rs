@@ -66,18 +66,18 @@ const fn row(law: &'static str, element: &'static str, [way, squeeze, weight]: [
 
 /// `adaptive` is `stVenantKirchhoff` past a threshold.
 pub const LAWS: [LawRow; 12] = [
-    row("linear", "constantStrain", [0.5, 0.25, 0.2]),
-    row("linear", "nodalPressure", [0.5, 0.25, 0.2]),
-    row("linear", "nodalAveraged", [0.5, 0.25, 0.2]),
-    row("stVenantKirchhoff", "constantStrain", [0.3, 0.2, 0.15]),
-    row("stVenantKirchhoff", "nodalPressure", [0.3, 0.2, 0.15]),
-    row("stVenantKirchhoff", "nodalAveraged", [0.3, 0.2, 0.15]),
-    row("stableNeoHookean", "constantStrain", [0.7, 0.4, 0.4]),
-    row("stableNeoHookean", "nodalPressure", [0.7, 0.4, 0.4]),
-    row("stableNeoHookean", "nodalAveraged", [0.7, 0.4, 0.4]),
-    row("adaptive", "constantStrain", [0.3, 0.2, 0.15]),
-    row("polynomial", "constantStrain", [0.3, 0.2, 0.15]),
-    row("springs", "constantStrain", [0.05, 0.05, 0.05]),
+    row("linear", "constantStrain", [0.4, 0.2, 0.2]),
+    row("linear", "nodalPressure", [0.4, 0.2, 0.2]),
+    row("linear", "nodalAveraged", [0.4, 0.2, 0.2]),
+    row("stVenantKirchhoff", "constantStrain", [0.15, 0.1, 0.1]),
+    row("stVenantKirchhoff", "nodalPressure", [0.15, 0.1, 0.1]),
+    row("stVenantKirchhoff", "nodalAveraged", [0.15, 0.1, 0.1]),
+    row("stableNeoHookean", "constantStrain", [0.3, 0.3, 0.3]),
+    row("stableNeoHookean", "nodalPressure", [0.3, 0.3, 0.3]),
+    row("stableNeoHookean", "nodalAveraged", [0.3, 0.3, 0.3]),
+    row("adaptive", "constantStrain", [0.15, 0.1, 0.1]),
+    row("polynomial", "constantStrain", [0.15, 0.1, 0.1]),
+    row("springs", "constantStrain", [0.03, 0.05, 0.05]),
 ];
 
 /// Numbers that follow from a seed, the number of a scene and a count alone (Steele, Lea and Flood 2014, SplitMix64).
