@@ -70,8 +70,8 @@ pub const LAWS: [LawRow; 12] = [
     row("linear", "nodalPressure", [0.4, 0.2, 0.2]),
     row("linear", "nodalAveraged", [0.4, 0.2, 0.2]),
     row("stVenantKirchhoff", "constantStrain", [0.15, 0.1, 0.1]),
-    row("stVenantKirchhoff", "nodalPressure", [0.15, 0.1, 0.1]),
-    row("stVenantKirchhoff", "nodalAveraged", [0.15, 0.1, 0.1]),
+    row("stVenantKirchhoff", "nodalPressure", [0.08, 0.1, 0.1]),
+    row("stVenantKirchhoff", "nodalAveraged", [0.08, 0.1, 0.1]),
     row("stableNeoHookean", "constantStrain", [0.3, 0.3, 0.3]),
     row("stableNeoHookean", "nodalPressure", [0.3, 0.3, 0.3]),
     row("stableNeoHookean", "nodalAveraged", [0.3, 0.3, 0.3]),
@@ -662,6 +662,9 @@ fn first_touch(
     Some(place(free))
 }
 
+/// A tool that goes to and fro rests so long before it turns \[s\]: hands do not shake faster.
+pub const STROKE: f64 = 0.025;
+
 /// The path of a tool, made point by point at one speed.
 struct Trace {
     keys: Vec<Key>,
@@ -711,7 +714,9 @@ impl Trace {
         self.to(middle + way);
         if draw.chance(0.5) {
             for _ in 0..draw.below(20) {
+                self.rest(STROKE);
                 self.to(middle - way);
+                self.rest(STROKE);
                 self.to(middle + way);
             }
         }

@@ -11,7 +11,7 @@ use tissue::mesh::Vec3;
 use tissue::simulation::Simulation;
 
 use super::maps::{Outcome, stopped};
-use super::random::{Drawn, FACTS, KINDS, Key, LAWS, REGION, draw};
+use super::random::{Drawn, FACTS, KINDS, Key, LAWS, REGION, STROKE, draw};
 
 /// What came of a scene.
 pub struct Ended {
@@ -230,6 +230,7 @@ pub fn region() -> String {
         ("tetrahedra", range(r.tetrahedra.map(|n| n as f64))),
         ("smallest dihedral angle, degrees", range(r.dihedral)),
         ("speed of tools, m/s", range(r.speed)),
+        ("rest of tools before they turn, s", STROKE.to_string()),
         ("communication step, s", range(r.step)),
         ("simulated, s", range(r.length)),
     ];
