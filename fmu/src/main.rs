@@ -68,7 +68,19 @@ enum Command {
         /// Instead: maps of where methods fail, each point a run; with --quick on coarse grids.
         #[arg(long)]
         maps: bool,
-        /// Folder for chart.csv, front.md and the pictures; of maps for stability.csv and theirs.
+        /// Instead: so many scenes drawn at random from a region that shall hold, each run to its end.
+        #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "10000", conflicts_with = "maps")]
+        random: Option<u64>,
+        /// Of --random: another seed draws other scenes.
+        #[arg(long, default_value_t = 1, requires = "random")]
+        seed: u64,
+        /// Of --random: number of the first scene.
+        #[arg(long, default_value_t = 0, requires = "random")]
+        first: u64,
+        /// Of --random; default: as many as the machine has cores.
+        #[arg(long, requires = "random")]
+        threads: Option<usize>,
+        /// Folder for chart.csv, front.md and the pictures; of maps for stability.csv and theirs; of --random for random.csv.
         #[arg(short, long, default_value = "target/chart")]
         output: PathBuf,
     },
@@ -110,7 +122,16 @@ fn main() -> ExitCode {
             quick,
             maps: true,
             output,
+            ..
         } => command::chart::run_maps(quick, &output),
+        Command::Chart {
+            random: Some(count),
+            seed,
+            first,
+            threads,
+            output,
+            ..
+        } => command::chart::run_random(seed, first, count, threads, &output),
         Command::Chart { quick, output, .. } => command::chart::run(quick, &output),
         Command::Inspect { model, json } => command::inspect::run(&model, json),
         Command::Reference {

@@ -9,9 +9,10 @@
 //! |lambda_t| <= mu n . lambda_c, against the slip v_c - v_t, or as large as keeps it from slipping.
 //!
 //! A force lambda_c moves the nodes by v_i += b_i gain / m_i lambda_c in the substep, so that each place answers to itself by
-//! W = sum b_i² gain / m_i, and to others by the nodes that they share. Projected Gauss and Seidel's iteration goes through
-//! them in turn, from the forces of the substep before. (The papers hold vertices instead; this is the unilateral constraint at velocity
-//! level of the manual's section 11.)
+//! W = sum b_i² gain / m_i, and to others by the nodes that they share. Beside held nodes, where b_i of the others is small, W has
+//! a least value, by which the place yields: a small force there would throw a light vertex far. [`super::solve`] finds the
+//! forces from those of the substep before. (The papers hold vertices instead; this is the unilateral constraint at velocity level of
+//! the manual's section 11.)
 
 use super::geometry::Capsule;
 use super::hold;
@@ -38,6 +39,11 @@ pub(crate) const STRETCH: f64 = 1.25;
 const LEAST_INSIDE: f64 = 0.7;
 /// Depth, in radii, that a substep makes good at most: what is deeper comes out over several.
 pub(super) const MOST_DEPTH: f64 = 0.1;
+/// The same of dynamic tissue, beside what the tool moves in the substep: what is thrown out keeps its speed.
+const MOST_THROW: f64 = 0.01;
+/// Weight of vertices that may move in a place beside held ones, at least, up to which it answers to its force as it is. With
+/// less it yields as if this were their weight, or they would be thrown by a lever of any length.
+const LEAST_LEVER: f64 = 0.3;
 
 /// Of a vertex, an edge or a face.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,13 +72,16 @@ pub struct Contact {
 }
 
 impl Contact {
-    fn key(&self) -> (u32, u32, [u32; 3], [u64; 3]) {
+    /// Of one tool.
+    fn key(&self) -> (u128, [u64; 3]) {
         let place = match self.place {
             Place::Nearest => [0; 3],
             Place::NearestEnd => [1, 0, 0],
             Place::At(weight) => weight.map(f64::to_bits),
         };
-        (self.tool, self.capsule, self.nodes, place)
+        let each = [self.capsule, self.nodes[0], self.nodes[1], self.nodes[2]];
+        let name = each.iter().fold(0, |name, k| name << 32 | u128::from(*k));
+        (name, place)
     }
 
     /// Whether it is on tissue without mass.
@@ -460,6 +469,13 @@ fn touch(
         }
         let moved = from.map(|from| place - from[k].point(&pose.local(&place)));
         let tool = moved.map_or(Vec3::zeros(), |way| way / by.substep);
+        let ease = |i: &usize| normal.dot(&normal.component_mul(&state.inverse_mass[*i].xyz()));
+        let eases = nodes.iter().map(ease);
+        let yields = match eases.clone().fold(f64::MAX, f64::min) == 0.0 {
+            true => gain * LEAST_LEVER * LEAST_LEVER * eases.fold(0.0, f64::max),
+            false => 0.0,
+        };
+        let by_tool = moved.map_or(0.0, |way| normal.dot(&way).max(0.0));
         work.nodes.extend(contact.nodes);
         work.touches.push(Touch {
             at,
@@ -467,7 +483,7 @@ fn touch(
             weight,
             place,
             normal,
-            gap: gap.max(-MOST_DEPTH * capsule.radius),
+            gap: gap.max(-MOST_THROW * capsule.radius - by_tool),
             tool,
             // What has just come is struck.
             before: if last == Vec3::zeros() {
@@ -477,6 +493,7 @@ fn touch(
             },
             along,
             across: w.max(),
+            yields: (yields - along).max(0.0),
             friction: coefficient(model, k).unwrap_or(0.0),
             force: last,
             push,

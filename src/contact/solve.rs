@@ -2,11 +2,11 @@
 //! and to slip.
 //!
 //! A force changes velocities of its place and of those that share nodes with it, v_p = v_p' + sum_q W_pq lambda_q, W_pq diagonal.
-//! With p_n = n . lambda, d the direction of lambda_t, t across it in the plane, s = v - v_t the slip,
+//! With y what it yields, p_n = n . lambda, d the direction of lambda_t, t across it in the plane, s = v - v_t the slip,
 //!
 //! - what leaves has lambda = 0;
-//! - what sticks has n . v = -g/h and s_t = 0;
-//! - what slips has n . v = -g/h, |lambda_t| = mu p_n, and s antiparallel to lambda_t, that is lambda_d s_t = lambda_t s_d.
+//! - what sticks has n . v + y p_n = -g/h and s_t + y lambda_t = 0;
+//! - what slips has n . v + y p_n = -g/h, |lambda_t| = mu p_n, and s antiparallel to lambda_t, that is lambda_d s_t = lambda_t s_d.
 //!
 //! Passes alone turn the direction of friction by a little each: lambda_t - s/W is hardly another one where W is large.
 
@@ -42,6 +42,8 @@ pub(super) struct Touch {
     /// n . W n, and the largest of W \[m/(s N)\].
     pub along: f64,
     pub across: f64,
+    /// How far it gives way to its force, where it is held \[m/(s N)\].
+    pub yields: f64,
     pub friction: f64,
     pub force: Vec3,
     /// gain b_i / m_i of each node, and how many there are.
@@ -117,8 +119,11 @@ pub(super) fn solve(touches: &mut [Touch], h: f64, velocity: &mut [Lane]) {
             let v = touch.velocity(velocity);
             let n = touch.normal;
             let gap = touch.gap / h + n.dot(&v);
-            let pressed = (touch.force.dot(&n) - gap / touch.along).max(0.0);
-            let sticking = touch.force - (v - touch.tool) / touch.across;
+            let yields = touch.yields;
+            let pressed = (touch.force.dot(&n) * touch.along - gap) / (touch.along + yields);
+            let pressed = pressed.max(0.0);
+            let sticking =
+                (touch.force * touch.across - (v - touch.tool)) / (touch.across + yields);
             let force = within_cone(&n, touch.friction, sticking, pressed);
             touch.change = force - touch.force;
             touch.force = force;
@@ -208,12 +213,13 @@ fn newton(touches: &mut [Touch], h: f64, velocity: &mut [Lane]) -> bool {
         let one = Unknown { touch: at, ..none };
         let most = touch.friction * pressed;
         if rubbing < (1.0 - ON_CONE) * most {
-            let miss = slip + n * enters;
+            let miss = slip + n * enters + f * touch.yields;
             for (axis, e) in [Vec3::x(), Vec3::y(), Vec3::z()].into_iter().enumerate() {
                 unknown[count + axis] = Unknown {
                     direction: e,
                     row: e,
                     right: -miss[axis],
+                    own: touch.yields,
                     ..one
                 };
             }
@@ -227,7 +233,8 @@ fn newton(touches: &mut [Touch], h: f64, velocity: &mut [Lane]) -> bool {
         unknown[count] = Unknown {
             direction: n + along * touch.friction,
             row: n,
-            right: -enters,
+            right: -enters - touch.yields * pressed,
+            own: touch.yields,
             ..one
         };
         count += 1;
@@ -362,6 +369,7 @@ mod tests {
                         before: Vec3::zeros(),
                         along: normal.dot(&normal.component_mul(&w)),
                         across: w.max(),
+                        yields: 0.0,
                         friction,
                         force: Vec3::zeros(),
                         push,

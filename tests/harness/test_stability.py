@@ -1,4 +1,4 @@
-"""`chart --maps --quick`: what the maps say, and that what they outline holds."""
+"""`chart --maps --quick`: what the maps say, and that what they outline holds. `chart --random`: so do scenes at random."""
 
 import csv
 from pathlib import Path
@@ -6,7 +6,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-MAPS = ("substep", "compression", "poisson", "speed", "threshold", "tearing")
+MAPS = (
+    "substep", "compression", "poisson", "speed", "threshold", "tearing",
+    "quality", "interface", "contact", "fragments",
+)
 OUTCOMES = {"stable", "halved", "discarded", "refused", "failed"}
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -37,7 +40,7 @@ def check(rows):
         if row["value"]:
             assert abs(float(row["value"])) < 1e4
         if row["safe"] == "true":
-            assert row["outcome"] == "stable" or (row["map"] == "speed" and row["outcome"] == "halved"), row
+            assert row["outcome"] == "stable" or (row["map"] in ("speed", "contact", "fragments") and row["outcome"] == "halved"), row
         if row["outcome"] != "stable":
             assert row["symptom"]
     assert {r["map"] for r in rows if r["safe"] == "true"} == set(MAPS)
@@ -97,5 +100,31 @@ def test_remedies(maps):
     assert locked["constantStrain"] > 500 and locked["nodalAveraged"] < 6
     assert {r["outcome"] for r in of(rows, "threshold", panel="perVertex")} == {"discarded"}
     assert all(float(r["value"]) < 1 for r in of(rows, "threshold", panel="blend"))
+    chosen = of(rows, "quality", panel="substep chosen")
+    given = of(rows, "quality", panel="substep of the regular mesh", x="2", y="64")
+    assert {r["outcome"] for r in chosen} == {"stable"} and given[0]["outcome"] == "discarded"
+    few, many = (of(rows, "interface", panel="lumped", x=x)[0] for x in ("0", "24"))
+    assert few["outcome"] == "failed" and abs(float(many["value"])) < 1
+    assert all(float(r["value"]) < 0.1 for r in of(rows, "fragments"))
     loss = {r["x"]: float(r["value"]) for r in of(rows, "tearing", y="0.1")}
     assert loss["4"] < 30 and loss["any"] > 50
+
+
+def test_random_scenes(command, tmp_path):
+    """150 scenes of another seed than the documentation's: none diverges, none ends inside out."""
+    done = command("chart", "--random", "150", "--seed", "7", "-o", tmp_path)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr
+    rows = read(tmp_path / "random.csv")
+    assert len(rows) == 150 and {r["outcome"] for r in rows} <= {"stable", "halved"}
+    assert min(float(r["last"]) for r in rows) > 0
+    assert len({(r["law"], r["element"], r["kind"]) for r in rows}) > 15
+
+
+def test_a_random_scene_is_the_same_alone(command, tmp_path):
+    """A scene follows from the seed and its number, whatever runs beside it."""
+    for count, first, threads in ((6, 0, 2), (1, 4, 1)):
+        folder = tmp_path / str(count)
+        done = command("chart", "--random", count, "--first", first, "--threads", threads, "--seed", "7", "-o", folder)
+        assert done.returncode == 0, done.stdout + done.stderr
+    both = [{k: v for k, v in r.items() if k != "seconds"} for n in (6, 1) for r in read(tmp_path / str(n) / "random.csv")]
+    assert both[6] == both[4]

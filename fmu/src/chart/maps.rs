@@ -10,6 +10,8 @@ use tissue::simulation::Simulation;
 use tissue::state::State;
 use tissue::step::{StepError, Workspace, advance};
 
+use super::map_points;
+
 /// How a point ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
@@ -82,7 +84,7 @@ pub struct MapRow {
     pub run: fn(&str, f64, f64) -> Cell,
 }
 
-pub const MAPS: [MapRow; 6] = [
+pub const MAPS: [MapRow; 10] = [
     MapRow {
         name: "substep",
         title: "Substep and damping",
@@ -245,6 +247,107 @@ pub const MAPS: [MapRow; 6] = [
         },
         run: tearing,
     },
+    MapRow {
+        name: "quality",
+        title: "Stiffness and mesh quality",
+        sentence: "a bar under its weight, its nodes moved at random, one half of it stiffer than the other (6 kPa); linear, constant strain",
+        region: "substep chosen by the product",
+        failed: "a tetrahedron inside out",
+        measure: "critical substep, % of that of the regular mesh of one stiffness",
+        panels: &["substep chosen", "substep of the regular mesh"],
+        columns: 2,
+        x: MapAxis {
+            label: "smallest dihedral angle in degrees",
+            names: &[],
+            values: &[1.0, 2.0, 4.0, 8.0, 15.0, 30.0, map_points::REGULAR],
+            quick: &[1, 3, 6],
+        },
+        y: MapAxis {
+            label: "ratio of stiffness",
+            names: &[],
+            values: &[1.0, 4.0, 16.0, 64.0, 256.0],
+            quick: &[0, 3],
+        },
+        run: map_points::quality,
+    },
+    MapRow {
+        name: "interface",
+        title: "Interface of a hybrid",
+        sentence: "a cantilever under its weight for 3 s, its held half pre-computed, coupled each substep by all interface modes or the softest ones",
+        region: "all modes: the default",
+        failed: "equilibrium off by over 5 %",
+        measure: "error of the mean deflection of the end, %",
+        panels: &["lumped", "guyan"],
+        columns: 2,
+        x: MapAxis {
+            label: "interface modes",
+            names: &["0", "3", "6", "12", "24", "36", "all"],
+            values: &[0.0, 3.0, 6.0, 12.0, 24.0, 36.0, 48.0],
+            quick: &[0, 4, 6],
+        },
+        y: MapAxis {
+            label: "damping in 1/s",
+            names: &[],
+            values: &[0.0, 1.0, 10.0, 100.0],
+            quick: &[2],
+        },
+        run: map_points::interface,
+    },
+    MapRow {
+        name: "contact",
+        title: "Sliding contact",
+        sentence: "a ball of 6 mm radius pressed 2 mm into a block of linear tissue and drawn along it to where the block is held",
+        region: "range to stay in: slower than shear waves (0.4 m/s at 500 Pa)",
+        failed: "over 5 % of the work made by contact, or inside out",
+        measure: "energy made by contact, % of the work",
+        panels: &["friction 0", "friction 0.3", "friction 1"],
+        columns: 3,
+        x: MapAxis {
+            label: "speed in m/s",
+            names: &[],
+            values: &[0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0],
+            quick: &[2, 3, 6],
+        },
+        y: MapAxis {
+            label: "Young's modulus in Pa",
+            names: &[],
+            values: &[500.0, 2000.0, 6000.0, 20000.0, 60000.0, 200000.0],
+            quick: &[0, 2],
+        },
+        run: map_points::contact,
+    },
+    MapRow {
+        name: "fragments",
+        title: "Fragments",
+        sentence: "some tetrahedra cut off the end of a bar that swings under its weight, falling for 0.24 s; as heavy as the bar, or a hundredth",
+        region: "everywhere",
+        failed: "momentum off by over 0.1 %, or inside out",
+        measure: "momentum against weight times time, error in %",
+        panels: &["as heavy", "light"],
+        columns: 2,
+        x: MapAxis {
+            label: "tetrahedra",
+            names: &[],
+            values: &[1.0, 2.0, 3.0, 5.0, 10.0, 20.0],
+            quick: &[0, 3, 5],
+        },
+        y: MapAxis {
+            label: "law and element",
+            names: &[
+                "linear, constantStrain",
+                "linear, nodalAveraged",
+                "stVenantKirchhoff, constantStrain",
+                "stVenantKirchhoff, nodalPressure",
+                "stVenantKirchhoff, nodalAveraged",
+                "stableNeoHookean, constantStrain",
+                "stableNeoHookean, nodalPressure",
+                "stableNeoHookean, nodalAveraged",
+            ],
+            values: &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0],
+            quick: &[0, 5],
+        },
+        run: map_points::fragments,
+    },
 ];
 
 impl MapAxis {
@@ -263,7 +366,7 @@ impl MapAxis {
 }
 
 impl Cell {
-    fn of(outcome: Outcome, safe: bool, symptom: impl Into<String>) -> Cell {
+    pub fn of(outcome: Outcome, safe: bool, symptom: impl Into<String>) -> Cell {
         Cell {
             outcome,
             value: None,
@@ -273,7 +376,7 @@ impl Cell {
     }
 
     /// A run that came to its end after so many halvings of a step, with a symptom or none.
-    fn ended(halvings: u32, value: f64, safe: bool, symptom: Option<String>) -> Cell {
+    pub fn ended(halvings: u32, value: f64, safe: bool, symptom: Option<String>) -> Cell {
         Cell {
             outcome: match (&symptom, halvings) {
                 (Some(_), _) => Outcome::Failed,
@@ -291,14 +394,14 @@ impl Cell {
     }
 }
 
-fn model(text: &str) -> Result<Arc<Model>, String> {
+pub fn model(text: &str) -> Result<Arc<Model>, String> {
     let scene = tissue::scene::parse(text, "map").map_err(|e| e.to_string())?;
     let model = tissue::prepared::prepare(scene, Path::new("map")).map_err(|e| e.to_string())?;
     Ok(Arc::new(model))
 }
 
 /// What a watchdog says, as far as it differs from point to point.
-fn stopped(error: &StepError) -> String {
+pub fn stopped(error: &StepError) -> String {
     match error {
         StepError::Unstable(..) => "substep out of reach of four halvings".into(),
         StepError::NonFinite(at) => format!("not finite at {:.0} ms", 1e3 * at),
@@ -309,7 +412,7 @@ fn stopped(error: &StepError) -> String {
 }
 
 /// A cell of what cannot be run, else of what was.
-fn cell(found: Result<Cell, String>) -> Cell {
+pub fn cell(found: Result<Cell, String>) -> Cell {
     found.unwrap_or_else(|e| Cell::of(Outcome::Refused, false, e))
 }
 
@@ -371,7 +474,7 @@ fn substep(panel: &str, omega_h: f64, zeta: f64) -> Cell {
     })())
 }
 
-const LAWS: [[&str; 2]; 8] = [
+pub const LAWS: [[&str; 2]; 8] = [
     ["linear", "constantStrain"],
     ["linear", "nodalAveraged"],
     ["stVenantKirchhoff", "constantStrain"],
@@ -479,7 +582,7 @@ fn speed(panel: &str, way: f64, speed: f64) -> Cell {
             if let Err(e) = s.step(step) {
                 return Ok(Cell::of(Outcome::Discarded, safe, stopped(&e)));
             }
-            deep = deep.max(deepest(&s) / RADIUS);
+            deep = deep.max(deepest(&s, RADIUS) / RADIUS);
             least = least.min(s.minimum_volume_ratio());
             halvings = halvings.max(s.halvings());
         }
@@ -495,7 +598,7 @@ fn speed(panel: &str, way: f64, speed: f64) -> Cell {
 }
 
 /// Of any vertex or middle of a triangle of the surface \[m\].
-fn deepest(s: &Simulation) -> f64 {
+pub fn deepest(s: &Simulation, radius: f64) -> f64 {
     let (model, state) = (s.model(), s.state());
     let centre = state.tools[0].pose.position;
     let mut deepest = 0.0f64;
@@ -503,7 +606,7 @@ fn deepest(s: &Simulation) -> f64 {
         let x = state.live.triangle(model, *face).map(|v| state.position(v));
         let middle = (x[0] + x[1] + x[2]) / 3.0;
         for place in x.iter().chain([&middle]) {
-            deepest = deepest.max(RADIUS - (place - centre).norm());
+            deepest = deepest.max(radius - (place - centre).norm());
         }
     }
     deepest

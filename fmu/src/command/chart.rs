@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use super::{bar, say};
-use crate::chart::{map_sheet, maps, record, sheet, study};
+use crate::chart::{map_sheet, maps, random_run, record, sheet, study};
 use crate::error::{Error, file};
 use crate::write;
 
@@ -69,4 +69,42 @@ pub fn run_maps(quick: bool, output: &Path) -> Result<(), Error> {
         path.display(),
         start.elapsed().as_secs_f64()
     ))
+}
+
+/// `--random`: scenes drawn at random, each run to its end; an error where one failed.
+pub fn run_random(
+    seed: u64,
+    first: u64,
+    count: u64,
+    threads: Option<usize>,
+    output: &Path,
+) -> Result<(), Error> {
+    std::fs::create_dir_all(output).map_err(file(output))?;
+    let cores = || std::thread::available_parallelism().map_or(1, |n| n.get());
+    let progress = bar(count, "running");
+    let start = Instant::now();
+    let threads = threads.unwrap_or_else(cores);
+    let ended = random_run::run(seed, first, count, threads, || progress.inc(1));
+    progress.finish_and_clear();
+    let put = |path: &Path, text: &str| write::whole(path, |out| out.write_all(text.as_bytes()));
+    let path = output.join("random.csv");
+    put(&path, &random_run::csv(seed, &ended))?;
+    let failed: Vec<_> = ended.iter().filter(|e| !e.holds()).collect();
+    say(&format!(
+        "{}\n{}",
+        random_run::region(),
+        random_run::summary(&ended)
+    ))?;
+    for e in &failed {
+        say(&format!("seed {seed}, scene {}: {}", e.index, e.symptom))?;
+    }
+    let verdict = format!(
+        "{count} scenes run in {:.0} s, {} failed",
+        start.elapsed().as_secs_f64(),
+        failed.len()
+    );
+    match failed.is_empty() {
+        true => say(&format!("{}: {verdict}", path.display())),
+        false => Err(Error::Simulation(format!("{}: {verdict}", path.display()))),
+    }
 }
