@@ -2,6 +2,7 @@
 
 use crate::contact::burn;
 use crate::contact::hold::{self, Held};
+use crate::contact::nearby::Nearby;
 use crate::contact::{press, slide};
 use crate::couple::Before;
 use crate::cut;
@@ -91,6 +92,7 @@ pub struct Workspace {
     /// Where tools were at the start of the substep.
     pub(crate) from: Vec<Pose>,
     pub(crate) slide: slide::Scratch,
+    nearby: Nearby,
     /// Force that each tool would have to bear \[N\].
     pub(crate) borne: Vec<Vec3>,
     pub(crate) impulse: Vec<Vec3>,
@@ -120,7 +122,7 @@ impl Workspace {
     /// The state is another one.
     pub(crate) fn forget(&mut self) {
         self.tears.forget();
-        self.slide.forget();
+        self.nearby.forget();
         if let Some(listed) = &mut self.listed {
             listed.forget();
         }
@@ -142,6 +144,7 @@ impl Workspace {
             haste: Vec::with_capacity(tools),
             from: Vec::with_capacity(tools),
             slide: slide::Scratch::new(model),
+            nearby: Nearby::with_room(model),
             borne: vec![Vec3::zeros(); tools],
             impulse: vec![Vec3::zeros(); tools],
             before: Before::with_room(model),
@@ -394,7 +397,7 @@ pub fn advance(
             for tool in 0..state.tools.len() {
                 feel(model, state, work, tool, h);
                 let way = way(model, work, tool, h);
-                slide::find(model, state, tool, way, &mut work.slide);
+                slide::find(model, state, tool, way, &mut work.slide, &mut work.nearby);
                 let burns = model.scene.tools[tool].kind == ToolKind::Cautery;
                 if !(burns && state.tools[tool].active) {
                     burn::cool(state, tool);
@@ -497,7 +500,14 @@ fn feel(model: &Model, state: &mut State, work: &mut Workspace, tool: usize, h: 
     look(model, state, tool, way);
     work.before.remember(model, &state.coupling);
     measure_held(model, state, &mut work.loose);
-    while hold::update(model, state, tool, &work.loose, &mut work.touched) {
+    while hold::update(
+        model,
+        state,
+        tool,
+        &work.loose,
+        &mut work.touched,
+        &mut work.nearby,
+    ) {
         regrip(model, state, work, tool);
         look(model, state, tool, way);
         work.before.remember(model, &state.coupling);

@@ -5,6 +5,7 @@
 //! infinite friction.)
 
 use super::geometry::{Capsule, boxes_meet};
+use super::nearby::Nearby;
 use super::slide;
 use crate::loose;
 use crate::mesh::Vec3;
@@ -111,6 +112,7 @@ pub fn update(
     k: usize,
     loose: &loose::Scratch,
     touched: &mut Vec<(u32, [u32; 3])>,
+    nearby: &mut Nearby,
 ) -> bool {
     let tool = &model.scene.tools[k];
     let was_active = state.tools[k].active;
@@ -118,7 +120,8 @@ pub fn update(
     state.tools[k].active = active;
     match tool.kind {
         ToolKind::Grasper if active && !was_active => {
-            touch(model, state, k, true, touched);
+            nearby.refresh(model, state, k, 0.0);
+            touch(model, state, k, true, touched, nearby.all(k));
             attach(model, state, k, touched);
         }
         ToolKind::Grasper if !active && was_active => {
@@ -134,7 +137,8 @@ pub fn update(
         _ if slide::coefficient(model, k).is_some() => {}
         ToolKind::Cautery if active => release(model, state, |h| h.tool == Some(k as u32)),
         ToolKind::Probe | ToolKind::Cautery => {
-            touch(model, state, k, false, touched);
+            nearby.refresh(model, state, k, 0.0);
+            touch(model, state, k, false, touched, nearby.all(k));
             if let_go(model, state, k, loose, touched) {
                 return true;
             }
@@ -144,12 +148,19 @@ pub fn update(
     false
 }
 
-/// Exposed triangles that the tool touches, or its active part.
-fn touch(model: &Model, state: &State, k: usize, active: bool, touched: &mut Vec<(u32, [u32; 3])>) {
+/// Of these faces those that the tool touches, or its active part.
+fn touch(
+    model: &Model,
+    state: &State,
+    k: usize,
+    active: bool,
+    touched: &mut Vec<(u32, [u32; 3])>,
+    faces: &[u32],
+) {
     touched.clear();
     let (shape, pose) = (&model.tools[k], &state.tools[k].pose);
     let reach = (model.parts.moving + model.parts.touchable) as u32;
-    for face in &state.live.surface {
+    for face in faces {
         let vertices = state.live.triangle(model, *face);
         if vertices.iter().any(|v| *v >= reach) {
             continue;
@@ -171,6 +182,7 @@ fn touch(model: &Model, state: &State, k: usize, active: bool, touched: &mut Vec
     }
     // The order of the surface list depends on the history of cuts; that of contacts shall not.
     touched.sort_unstable();
+    touched.dedup();
 }
 
 /// A probe lets go of vertices that pull, and forgets those it has let go once they are apart. Whether

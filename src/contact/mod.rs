@@ -3,7 +3,7 @@
 pub mod burn;
 pub mod geometry;
 pub mod hold;
-mod nearby;
+pub mod nearby;
 pub mod press;
 pub mod shape;
 pub mod slide;

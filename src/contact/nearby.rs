@@ -13,7 +13,7 @@ use crate::state::State;
 /// How far they are looked for beyond what is in reach, in rest lengths of the longest edge.
 const SLACK: f64 = 0.25;
 
-/// Of all tools that slide. Whatever it holds, results are the same.
+/// Of all tools. Whatever it holds, results are the same.
 #[derive(Debug, Default)]
 pub struct Nearby {
     tools: Vec<Listed>,
@@ -37,17 +37,14 @@ struct Listed {
 }
 
 impl Nearby {
-    pub fn with_room(model: &Model, slides: impl Fn(usize) -> bool) -> Nearby {
-        let one = |(k, tool): (usize, &ToolShape)| Listed {
-            faces: match slides(k) {
-                true => Vec::with_capacity(tool.capsules() * model.topology.faces.len()),
-                false => Vec::new(),
-            },
+    pub fn with_room(model: &Model) -> Nearby {
+        let one = |tool: &ToolShape| Listed {
+            faces: Vec::with_capacity(tool.capsules() * model.topology.faces.len()),
             ends: Vec::with_capacity(tool.capsules()),
             ..Listed::default()
         };
         Nearby {
-            tools: model.tools.iter().enumerate().map(one).collect(),
+            tools: model.tools.iter().map(one).collect(),
             seen: vec![Lane::default(); model.parts.known],
             ..Nearby::default()
         }
@@ -106,6 +103,11 @@ impl Nearby {
             self.seen.copy_from_slice(u);
             (self.revision, self.moved, self.at) = (state.live.revision, 0.0, Some(now));
         }
+    }
+
+    /// Of any capsule of tool `k`, maybe several times.
+    pub fn all(&self, k: usize) -> &[u32] {
+        &self.tools[k].faces
     }
 
     /// Of a capsule of tool `k`.

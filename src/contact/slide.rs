@@ -129,7 +129,6 @@ pub struct Scratch {
     before: Vec<Contact>,
     nodes: Vec<u32>,
     pub(super) shape: Vec<Capsule>,
-    nearby: Nearby,
     /// A node each, of old where nothing touches: velocities as the sweep has left them, or accelerations.
     swept: Vec<Lane>,
 }
@@ -146,16 +145,8 @@ impl Scratch {
             before: Vec::with_capacity(room),
             nodes: Vec::with_capacity(3 * room),
             shape: Vec::with_capacity(model.tools.iter().map(ToolShape::capsules).sum()),
-            nearby: Nearby::with_room(model, |k| coefficient(model, k).is_some()),
             swept: vec![Lane::default(); model.parts.known],
         }
-    }
-}
-
-impl Scratch {
-    /// The state is another one.
-    pub fn forget(&mut self) {
-        self.nearby.forget();
     }
 }
 
@@ -185,7 +176,14 @@ pub fn reach(model: &Model, k: usize, way: f64) -> f64 {
 }
 
 /// At a haptic tick: which places tool `k` may touch until the next, on a `way` so long \[m\].
-pub fn find(model: &Model, state: &mut State, k: usize, way: f64, work: &mut Scratch) {
+pub fn find(
+    model: &Model,
+    state: &mut State,
+    k: usize,
+    way: f64,
+    work: &mut Scratch,
+    nearby: &mut Nearby,
+) {
     if coefficient(model, k).is_none() {
         return;
     }
@@ -203,7 +201,6 @@ pub fn find(model: &Model, state: &mut State, k: usize, way: f64, work: &mut Scr
         return;
     }
     let first = state.contacts.len();
-    let nearby = &mut work.nearby;
     nearby.refresh(model, state, k, MARGIN * model.tools[k].most_radius() + way);
     for (c, capsule) in model.tools[k].at(&state.tools[k].pose).enumerate() {
         find_near(
