@@ -111,8 +111,8 @@ def test_remedies(maps):
 
 
 def test_random_scenes(command, tmp_path):
-    """150 scenes of another seed than the documentation's: none diverges, none ends inside out."""
-    done = command("chart", "--random", "150", "--seed", "7", "-o", tmp_path)
+    """The first 150 of the documentation's 10 000 scenes: none diverges, none ends inside out."""
+    done = command("chart", "--random", "150", "--seed", "11", "-o", tmp_path)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr
     rows = read(tmp_path / "random.csv")
     assert len(rows) == 150 and {r["outcome"] for r in rows} <= {"stable", "halved"}
@@ -124,7 +124,7 @@ def test_a_random_scene_is_the_same_alone(command, tmp_path):
     """A scene follows from the seed and its number, whatever runs beside it."""
     for count, first, threads in ((6, 0, 2), (1, 4, 1)):
         folder = tmp_path / str(count)
-        done = command("chart", "--random", count, "--first", first, "--threads", threads, "--seed", "7", "-o", folder)
+        done = command("chart", "--random", count, "--first", first, "--threads", threads, "--seed", "11", "-o", folder)
         assert done.returncode == 0, done.stdout + done.stderr
     both = [{k: v for k, v in r.items() if k != "seconds"} for n in (6, 1) for r in read(tmp_path / str(n) / "random.csv")]
     assert both[6] == both[4]

@@ -18,6 +18,7 @@ pub struct Region {
     pub density: [f64; 2],
     /// Longest side or height \[m\].
     pub size: [f64; 2],
+    /// About: cells are rounded.
     pub tetrahedra: [usize; 2],
     /// Smallest one of the mesh \[degrees\].
     pub dihedral: [f64; 2],

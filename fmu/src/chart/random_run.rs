@@ -227,7 +227,7 @@ pub fn region() -> String {
         ("Poisson's ratio", range(r.poisson_ratio)),
         ("density, kg/m3", range(r.density)),
         ("longest side, m", range(r.size)),
-        ("tetrahedra", range(r.tetrahedra.map(|n| n as f64))),
+        ("tetrahedra, about", range(r.tetrahedra.map(|n| n as f64))),
         ("smallest dihedral angle, degrees", range(r.dihedral)),
         ("speed of tools, m/s", range(r.speed)),
         ("rest of tools before they turn, s", STROKE.to_string()),
