@@ -18,8 +18,6 @@ const FINER: [f64; 3] = [2.0, 1.5, 4.0 / 3.0];
 
 pub struct Grid {
     pub source: MeshSource,
-    /// In edges of the scene's mesh.
-    pub ratio: f64,
     pub mesh: TetMesh,
     /// Outward.
     pub surface: Vec<[u32; 3]>,
@@ -29,7 +27,7 @@ pub struct Grid {
 pub type Spots = Vec<(u32, [f64; 4])>;
 
 impl Grid {
-    pub fn new(source: MeshSource, ratio: f64, path: &Path) -> Result<Grid, PrepareError> {
+    pub fn new(source: MeshSource, path: &Path) -> Result<Grid, PrepareError> {
         let file = path.display().to_string();
         let base = path.parent().unwrap_or(Path::new("."));
         let mut mesh = mesh::load::load(&source, base)
@@ -39,7 +37,6 @@ impl Grid {
         let surface = mesh::check::surface(&mesh.tetrahedra).map_err(wrong)?;
         Ok(Grid {
             source,
-            ratio,
             mesh,
             surface,
         })
@@ -142,19 +139,19 @@ pub fn grids(
     path: &Path,
     same_mesh: bool,
 ) -> Result<(Vec<Grid>, Option<Grid>), PrepareError> {
-    let own = Grid::new(scene.mesh.clone(), 1.0, path)?;
+    let own = Grid::new(scene.mesh.clone(), path)?;
     if same_mesh || counts_nodes(scene) {
         return Ok((vec![own], None));
     }
     let tetrahedra = own.mesh.tetrahedra.len() as f64;
     let finer = (FINER.iter())
         .filter(|f| tetrahedra * f.powi(3) <= MOST_TETRAHEDRA as f64)
-        .find_map(|f| Some((scaled(&scene.mesh, 1.0 / f)?, 1.0 / f)));
-    let reference = finer.map(|(source, ratio)| Grid::new(source, ratio, path));
+        .find_map(|f| scaled(&scene.mesh, 1.0 / f));
+    let reference = finer.map(|source| Grid::new(source, path));
     let mut found = vec![own];
     for ratio in COARSER.iter().rev() {
         if let Some(source) = scaled(&scene.mesh, *ratio) {
-            found.push(Grid::new(source, *ratio, path)?);
+            found.push(Grid::new(source, path)?);
         }
     }
     Ok((found, reference.transpose()?))
@@ -209,7 +206,7 @@ mod tests {
     #[test]
     fn spots_are_where_their_points_are() {
         let [coarse, fine] = [[4, 4, 2], [8, 8, 4]]
-            .map(|n| Grid::new(cells(n), 1.0, Path::new("a.json")).unwrap());
+            .map(|n| Grid::new(cells(n), Path::new("a.json")).unwrap());
         let points = Points::new(&coarse.mesh, &coarse.surface);
         for (k, (t, shares)) in fine.spots(&points).iter().enumerate() {
             let corners = fine.mesh.tetrahedra[*t as usize].map(|v| fine.mesh.nodes[v as usize]);

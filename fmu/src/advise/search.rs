@@ -244,11 +244,6 @@ impl<'a> Search<'a> {
             .map(|flop| 1e-3 * flop)
     }
 
-    /// All candidates there are.
-    pub fn count(&self) -> usize {
-        candidate::settings().len() * self.places.len()
-    }
-
     /// Rows from coarse to fine, and which of them is the advice.
     pub fn run(&mut self, tick: impl Fn()) -> Result<(Vec<Row>, Option<usize>), SearchError> {
         let mut rows: Vec<Row> = Vec::new();
@@ -385,7 +380,7 @@ impl<'a> Search<'a> {
         let wrong = |why: String| SearchError::Reference(path.display().to_string(), why);
         let mut other = other.clone();
         other.integration.haptic_rate = self.wish.rate;
-        let grid = Grid::new(other.mesh.clone(), 1.0, path)?;
+        let grid = Grid::new(other.mesh.clone(), path)?;
         let spots = grid.spots(&self.points);
         let model = Arc::new(tissue::prepared::prepare(other, path)?);
         let truth = &self.truths[0];
