@@ -29,6 +29,30 @@ pub const NEIGHBOURS: [Change; 2] = [
     },
 ];
 
+/// Where tissue is cut: what any of them cuts must be dynamic.
+pub const SWEEPS: [Change; 4] = [
+    Change {
+        tilt: 30.0,
+        side: 0.0,
+        speed: 1.0,
+    },
+    Change {
+        tilt: 15.0,
+        side: 0.0,
+        speed: 1.0,
+    },
+    Change {
+        tilt: 15.0,
+        side: 180.0,
+        speed: 1.0,
+    },
+    Change {
+        tilt: 30.0,
+        side: 180.0,
+        speed: 1.0,
+    },
+];
+
 /// `met`: when each tool first meets tissue \[s\]. One that never does keeps its way.
 pub fn changed(motion: &Motion, scene: &Scene, met: &[Option<f64>], change: &Change) -> Motion {
     let tools = motion.tools();

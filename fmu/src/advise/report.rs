@@ -83,6 +83,7 @@ pub fn advice(search: &Search, rows: &[Row], advised: Option<usize>) -> Vec<Stri
                 three(1e6 / wish.rate)
             ));
             lines.extend(cheaper(search, rows, row));
+            lines.extend(lucky(search, rows, row));
             if let (Some(safest), Some(work)) = (search.safest(), row.work) {
                 lines.push(format!(
                     "St Venant-Kirchhoff all over, {}, at the substep of the bound by elements: {} kflop a ms, {} times as much",
@@ -109,8 +110,9 @@ pub fn advice(search: &Search, rows: &[Row], advised: Option<usize>) -> Vec<Stri
 fn cheaper(search: &Search, rows: &[Row], advised: &Row) -> Option<String> {
     let most = advised.work?;
     let points = run(rows);
+    let is_off = |r: &Row| r.outcome == Outcome::Off;
     let (row, [work, error]) = (points.iter())
-        .filter(|(k, [work, _])| *work < most && rows[*k].outcome != Outcome::Slow)
+        .filter(|(k, [work, _])| *work < most && is_off(&rows[*k]))
         .min_by(|a, b| a.1[1].total_cmp(&b.1[1]))
         .map(|(k, point)| (&rows[*k], point))?;
     Some(format!(
@@ -118,6 +120,20 @@ fn cheaper(search: &Search, rows: &[Row], advised: &Row) -> Option<String> {
         name(search, row),
         three(most / work),
         two(*error)
+    ))
+}
+
+/// The cheapest of what is right by luck and costs less.
+fn lucky(search: &Search, rows: &[Row], advised: &Row) -> Option<String> {
+    let work = |r: &Row| r.work.unwrap_or(f64::INFINITY);
+    let row = (rows.iter())
+        .filter(|r| r.outcome == Outcome::Luck && work(r) < work(advised))
+        .min_by(|a, b| work(a).total_cmp(&work(b)))?;
+    Some(format!(
+        "{} would be {} times cheaper and is {} off, but by luck: the full law on its mesh and element is off by more than the tolerance",
+        name(search, row),
+        three(work(advised) / work(row)),
+        percent(row.off.unwrap_or_default().most())
     ))
 }
 

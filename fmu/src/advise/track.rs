@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use tissue::mesh::Vec3;
 use tissue::model::Model;
+use tissue::scene::ToolKind;
 use tissue::simulation::Simulation;
 
 use super::grid::Spots;
@@ -31,7 +32,7 @@ pub struct Track {
     pub gone: Vec<bool>,
     /// Rest positions of what tools held or slid on \[m\].
     pub touched: Vec<Vec3>,
-    /// When each tool first met tissue \[s\].
+    /// When each tool first met tissue \[s\]: held it, slid on it, burnt it.
     pub met: Vec<Option<f64>>,
     /// Nodes held by tools, in the mean.
     pub held: f64,
@@ -65,7 +66,10 @@ pub fn run(
         motion.steer(&mut simulation, 0.0, 0.0);
         simulation.place_tools().map_err(|e| e.to_string())?;
     }
-    let mut nonlinear = 0.0;
+    let burns = |simulation: &Simulation, tool: usize| {
+        model.scene.tools[tool].kind == ToolKind::Cautery && simulation.tool(tool).active
+    };
+    let (mut nonlinear, mut removed) = (0.0, 0);
     let mut is_touched = vec![false; model.mesh.nodes.len()];
     for k in 1..=steps {
         let (now, end) = ((k - 1) as f64 * period, k as f64 * period);
@@ -88,8 +92,11 @@ pub fn run(
         for contact in &state.contacts {
             contact.nodes.iter().for_each(|v| is_touched[*v as usize] = true);
         }
+        let is_cut = simulation.state().live.removed.len() > removed;
+        removed = simulation.state().live.removed.len();
         for (tool, met) in track.met.iter_mut().enumerate() {
-            if met.is_none() && simulation.tool(tool).in_contact {
+            let meets = simulation.tool(tool).in_contact || (is_cut && burns(&simulation, tool));
+            if met.is_none() && meets {
                 *met = Some(now);
             }
         }
