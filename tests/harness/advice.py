@@ -109,7 +109,7 @@ def pairs():
     plate = {
         "name": "plate", "mesh": {"box": {"size": [0.22, 0.1, 0.02], "cells": [44, 20, 4]}}, "materials": tissue(),
         "fixed": [box([0, 0, 0], [0, 1, 1]), box([0.22, 0, 0], [0.22, 1, 1])], "gravity": [0, 0, 0],
-        "model": {"touchable": box([0.09, 0.03, 0.02], [0.13, 0.07, 0.02])},
+        "model": {"kind": "quasiStatic", "touchable": box([0.09, 0.03, 0.02], [0.13, 0.07, 0.02])},
         "tools": [rake("grip", [0.09 + gap, 0.03 + gap, 0.02], [1, 0, 0], [0, 0.04 - 2 * gap, 0], 16, 0.04 - 2 * gap)],
     }
     block = {

@@ -41,6 +41,9 @@ pub fn scene(base: &Scene, mesh: &tissue::scene::MeshSource, site: &Site, settin
     (scene.integration.scheme, scene.integration.substep) = (None, None);
     (setting.apply)(&mut scene, site);
     let model = &mut scene.model;
+    if !matches!(model.kind, ModelKind::QuasiStatic | ModelKind::Hybrid) {
+        model.touchable = None;
+    }
     if model.elasticity != Elasticity::Linear
         && model.nonlinear_threshold == 0.0
         && model.form == Form::PerTetrahedron
@@ -50,12 +53,14 @@ pub fn scene(base: &Scene, mesh: &tissue::scene::MeshSource, site: &Site, settin
     scene
 }
 
-/// Its model; the scene is given the substep that the setting asks for.
+/// Its model; the scene is given the substep that the setting asks for. What a file could not say is refused.
 pub fn model(
     scene: &mut Scene,
     setting: &SettingRow,
     path: &Path,
 ) -> Result<Arc<Model>, PrepareError> {
+    let text = serde_json::to_string(scene).unwrap_or_default();
+    tissue::scene::parse(&text, &path.display().to_string())?;
     let model = setting.divided(prepared::prepare(scene.clone(), path)?)?;
     if setting.substeps != 1.0 {
         scene.integration = model.scene.integration.clone();

@@ -115,8 +115,12 @@ fn cheaper(search: &Search, rows: &[Row], advised: &Row) -> Option<String> {
         .filter(|(k, [work, _])| *work < most && is_off(&rows[*k]))
         .min_by(|a, b| a.1[1].total_cmp(&b.1[1]))
         .map(|(k, point)| (&rows[*k], point))?;
+    let within = match *error <= 100.0 * search.wish.tolerance {
+        true => ": within the tolerance, but too near to it for other motions",
+        false => "",
+    };
     Some(format!(
-        "{} would be {} times cheaper, but is {} % off",
+        "{} would be {} times cheaper, but is {} % off{within}",
         name(search, row),
         three(most / work),
         two(*error)
