@@ -82,6 +82,9 @@ enum Command {
         /// Run all candidates, also those that cannot be the cheapest.
         #[arg(long)]
         exhaustive: bool,
+        /// For this motion itself, not for others like it as well.
+        #[arg(long)]
+        alone: bool,
         /// Instead of a search: what this scene is off by along the motion.
         #[arg(long, value_name = "OTHER.json")]
         check: Option<PathBuf>,
@@ -154,6 +157,7 @@ fn main() -> ExitCode {
             gesture,
             same_mesh,
             exhaustive,
+            alone,
             check,
             output,
         } => command::advise::run(
@@ -165,6 +169,7 @@ fn main() -> ExitCode {
                 gesture,
                 same_mesh,
                 exhaustive,
+                alone,
                 check,
                 output,
             },

@@ -30,7 +30,12 @@ pub fn setting(name: &str) -> Option<&'static SettingRow> {
 }
 
 /// Keeps what the scene says of its tissue, not of how that is computed.
-pub fn scene(base: &Scene, mesh: &tissue::scene::MeshSource, site: &Site, setting: &SettingRow) -> Scene {
+pub fn scene(
+    base: &Scene,
+    mesh: &tissue::scene::MeshSource,
+    site: &Site,
+    setting: &SettingRow,
+) -> Scene {
     let mut scene = base.clone();
     scene.mesh = mesh.clone();
     scene.model = ModelSettings {
@@ -91,7 +96,11 @@ pub fn safest(
     let model = prepared::prepare(scene, path).ok()?;
     let period = 1.0 / model.scene.integration.haptic_rate;
     let damping = model.damping();
-    let bound = critical_step::of(Scheme::SymplecticEuler, model.spectrum.element_bound, damping);
+    let bound = critical_step::of(
+        Scheme::SymplecticEuler,
+        model.spectrum.element_bound,
+        damping,
+    );
     let chosen = (period / model.substep(damping)).round();
     let substeps = (period / (scheme::STEP_MARGIN * bound)).ceil().max(chosen);
     track::counted(&model, 0.0, held, substeps)

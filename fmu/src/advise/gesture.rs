@@ -61,7 +61,11 @@ pub fn motion(
     let time: Vec<f64> = (0..=count).map(|k| k as f64 * ROW).collect();
     let row = |t: &f64| {
         let at = |l: &Lead| {
-            let there = if before > 0.0 { least_jerk(t / before) } else { 1.0 };
+            let there = if before > 0.0 {
+                least_jerk(t / before)
+            } else {
+                1.0
+            };
             let moved = l.approach * there + l.reach * least_jerk((t - before) / during);
             let mut inputs = [0.0; 8];
             inputs[..7].copy_from_slice(&l.start);
@@ -81,13 +85,7 @@ fn least_jerk(s: f64) -> f64 {
     s * s * s * (10.0 + s * (6.0 * s - 15.0))
 }
 
-fn lead(
-    k: usize,
-    tool: &Tool,
-    mesh: &TetMesh,
-    surface: &[[u32; 3]],
-    reach: f64,
-) -> Option<Lead> {
+fn lead(k: usize, tool: &Tool, mesh: &TetMesh, surface: &[[u32; 3]], reach: f64) -> Option<Lead> {
     let ([x, y, z], [w, a, b, c]) = (tool.position, tool.orientation);
     let start = [x, y, z, w, a, b, c];
     let pose = PoseInput {
@@ -131,7 +129,11 @@ fn lead(
         tool: k,
         start,
         approach,
-        reach: if grasps { outward * reach } else { -outward * reach },
+        reach: if grasps {
+            outward * reach
+        } else {
+            -outward * reach
+        },
         closes: grasps,
     })
 }

@@ -30,8 +30,8 @@ impl Grid {
     pub fn new(source: MeshSource, path: &Path) -> Result<Grid, PrepareError> {
         let file = path.display().to_string();
         let base = path.parent().unwrap_or(Path::new("."));
-        let mut mesh = mesh::load::load(&source, base)
-            .map_err(|e| PrepareError::Mesh(file.clone(), e))?;
+        let mut mesh =
+            mesh::load::load(&source, base).map_err(|e| PrepareError::Mesh(file.clone(), e))?;
         let wrong = |e| PrepareError::Model(ModelError::Mesh(file.clone(), e));
         mesh::repair(&mut mesh).map_err(wrong)?;
         let surface = mesh::check::surface(&mesh.tetrahedra).map_err(wrong)?;
@@ -176,7 +176,9 @@ fn numbered(selector: &Selector) -> bool {
         Region::Nodes(_) | Region::Tetrahedra(_) => true,
         Region::Any(parts) => parts.iter().any(numbered),
         Region::Not(part) => numbered(part),
-        Region::All | Region::Box { .. } | Region::Sphere { .. } | Region::HalfSpace { .. } => false,
+        Region::All | Region::Box { .. } | Region::Sphere { .. } | Region::HalfSpace { .. } => {
+            false
+        }
     }
 }
 
@@ -205,8 +207,8 @@ mod tests {
     /// The points of the coarse surface, on the fine one: in tetrahedra that have them.
     #[test]
     fn spots_are_where_their_points_are() {
-        let [coarse, fine] = [[4, 4, 2], [8, 8, 4]]
-            .map(|n| Grid::new(cells(n), Path::new("a.json")).unwrap());
+        let [coarse, fine] =
+            [[4, 4, 2], [8, 8, 4]].map(|n| Grid::new(cells(n), Path::new("a.json")).unwrap());
         let points = Points::new(&coarse.mesh, &coarse.surface);
         for (k, (t, shares)) in fine.spots(&points).iter().enumerate() {
             let corners = fine.mesh.tetrahedra[*t as usize].map(|v| fine.mesh.nodes[v as usize]);

@@ -69,7 +69,8 @@ pub fn changed(motion: &Motion, scene: &Scene, met: &[Option<f64>], change: &Cha
             let way = Unit::try_new(way, 1e-9)?;
             let axis = Unit::new_normalize(across(&way));
             let side = nalgebra::Rotation3::from_axis_angle(&way, change.side.to_radians());
-            let turn = nalgebra::Rotation3::from_axis_angle(&(side * axis), change.tilt.to_radians());
+            let turn =
+                nalgebra::Rotation3::from_axis_angle(&(side * axis), change.tilt.to_radians());
             Some((from, position(from), turn))
         })
         .collect();
@@ -117,7 +118,9 @@ mod tests {
         let at = |t: f64| Vec3::from_column_slice(&found.at(&scene, 0, t / 1.5)[..3]);
         assert!((at(0.5) - Vec3::new(0.0, 0.0, 2.0)).norm() < 1e-12);
         let way = at(1.0) - at(0.5);
-        assert!((way.norm() - 1.0).abs() < 1e-12 && (way.z + 30f64.to_radians().cos()).abs() < 1e-12);
+        assert!(
+            (way.norm() - 1.0).abs() < 1e-12 && (way.z + 30f64.to_radians().cos()).abs() < 1e-12
+        );
         let other = changed(&motion, &scene, &[Some(0.5)], &NEIGHBOURS[1]);
         let aside = Vec3::from_column_slice(&other.at(&scene, 0, 1.0)[..3]) - at(0.5);
         assert!((aside.xy() + way.xy()).norm() < 1e-12);

@@ -8,7 +8,7 @@ use super::error::Off;
 use super::search::{MARGIN, Outcome, Row, Search};
 use crate::chart::front::front;
 use crate::chart::settings::Family;
-use crate::chart::sheet::{color, short, three, two};
+use crate::chart::sheet::{color, rounded, short, three, two};
 use crate::picture::chart::{CARD, INK, MUTED};
 use crate::picture::scatter::{Mark, Point, Scatter, mark};
 use crate::picture::svg::{escape, hex, px, text_width};
@@ -20,13 +20,18 @@ fn run(rows: &[Row]) -> Vec<(usize, [f64; 2])> {
     rows.iter().enumerate().filter_map(point).collect()
 }
 
-/// Of these the ones that nothing beats.
+/// Of these the ones that nothing beats; errors are told apart by two digits.
 fn best(points: &[(usize, [f64; 2])]) -> Vec<usize> {
-    front(&points.iter().map(|(_, p)| *p).collect::<Vec<_>>())
+    let told_apart = |(_, [work, error]): &(usize, [f64; 2])| [*work, rounded(*error, 1)];
+    front(&points.iter().map(told_apart).collect::<Vec<_>>())
 }
 
 fn name(search: &Search, row: &Row) -> String {
-    format!("{}, {}", row.setting.name, search.places[row.grid].grid.label())
+    format!(
+        "{}, {}",
+        row.setting.name,
+        search.places[row.grid].grid.label()
+    )
 }
 
 fn percent(off: f64) -> String {
@@ -50,7 +55,11 @@ pub fn table(search: &Search, rows: &[Row], advised: Option<usize>) -> String {
         let row = &rows[k];
         let number = |v: Option<f64>| v.map_or(String::new(), three);
         let Off { force, surface } = row.off.unwrap_or_default();
-        let verdict = if advised == Some(k) { "advised" } else { row.outcome.text() };
+        let verdict = if advised == Some(k) {
+            "advised"
+        } else {
+            row.outcome.text()
+        };
         // Writing to a String cannot fail.
         let _ = write!(
             text,
@@ -163,8 +172,14 @@ fn nearest(search: &Search, rows: &[Row], wanted: &str) -> String {
             };
             let mesh = search.off_of_mesh().most();
             let because = match mesh > MARGIN * search.wish.tolerance {
-                true => format!("the mesh is too coarse: on it the full law itself is {} off; refine it, or ask with --same-mesh what the model alone is off by", percent(mesh)),
-                false => format!("no more than {} is advised, so that motions like this one are within the tolerance, too", percent(MARGIN * search.wish.tolerance)),
+                true => format!(
+                    "the mesh is too coarse: on it the full law itself is {} off; refine it, or ask with --same-mesh what the model alone is off by",
+                    percent(mesh)
+                ),
+                false => format!(
+                    "no more than {} is advised, so that motions like this one are within the tolerance, too",
+                    percent(MARGIN * search.wish.tolerance)
+                ),
             };
             format!(
                 "none for {wanted}; the nearest is {}: its {measure} is {} off, because {because}",
@@ -260,10 +275,23 @@ pub fn svg(search: &Search, rows: &[Row], advised: Option<usize>, title: &str) -
     };
     let mut body = String::new();
     let mut y = HEAD + PANEL + 18.0;
-    for (number, place) in front.iter().enumerate() {
+    // An advice that luck beats is on no front.
+    let beside =
+        (0..points.len()).find(|place| advised == Some(points[*place].0) && !front.contains(place));
+    for (number, place) in front.iter().chain(&beside).enumerate() {
         let (k, [work, error]) = points[*place];
         let weight = if advised == Some(k) { "700" } else { "400" };
-        let told = if advised == Some(k) { "   advised" } else { "" };
+        let told = match &rows[k].outcome {
+            _ if advised == Some(k) => ": advised",
+            Outcome::Luck => ": by luck",
+            Outcome::Slow => ": too slow",
+            _ => "",
+        };
+        let number = if front.contains(place) {
+            (number + 1).to_string()
+        } else {
+            String::new()
+        };
         // Writing to a String cannot fail.
         let _ = writeln!(
             body,
@@ -272,7 +300,7 @@ pub fn svg(search: &Search, rows: &[Row], advised: Option<usize>, title: &str) -
              <text x=\"{5}\" y=\"{1}\" text-anchor=\"end\" fill=\"{MUTED}\">{6} kflop, {7} µs, {8} %</text>",
             px(LEFT + 20.0),
             px(y),
-            number + 1,
+            number,
             px(LEFT + 28.0),
             escape(&format!("{}{told}", name(search, &rows[k]))),
             px(WIDTH - LEFT),
@@ -285,7 +313,10 @@ pub fn svg(search: &Search, rows: &[Row], advised: Option<usize>, title: &str) -
     let mut head = String::new();
     let mut x = LEFT + 5.0;
     for family in Family::ALL {
-        if !points.iter().any(|(k, _)| rows[*k].setting.family == family) {
+        if !points
+            .iter()
+            .any(|(k, _)| rows[*k].setting.family == family)
+        {
             continue;
         }
         let look = format!("fill=\"{}\"", hex(color(family)));
@@ -333,8 +364,22 @@ pub fn svg(search: &Search, rows: &[Row], advised: Option<usize>, title: &str) -
 pub fn scene(scene: &Scene) -> Result<String, serde_json::Error> {
     let value = serde_json::to_value(scene)?;
     let keys = [
-        "name", "description", "mesh", "materials", "fixed", "prescribed", "loads", "gravity", "start",
-        "model", "integration", "cutting", "cuts", "tearing", "tools", "outputs",
+        "name",
+        "description",
+        "mesh",
+        "materials",
+        "fixed",
+        "prescribed",
+        "loads",
+        "gravity",
+        "start",
+        "model",
+        "integration",
+        "cutting",
+        "cuts",
+        "tearing",
+        "tools",
+        "outputs",
     ];
     let lines: Vec<String> = (keys.iter())
         .filter_map(|key| Some((key, value.get(key)?)))

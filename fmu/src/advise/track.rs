@@ -90,7 +90,10 @@ pub fn run(
             is_touched[held.node as usize] = true;
         }
         for contact in &state.contacts {
-            contact.nodes.iter().for_each(|v| is_touched[*v as usize] = true);
+            contact
+                .nodes
+                .iter()
+                .for_each(|v| is_touched[*v as usize] = true);
         }
         let is_cut = simulation.state().live.removed.len() > removed;
         removed = simulation.state().live.removed.len();
@@ -101,7 +104,10 @@ pub fn run(
             }
         }
         if simulation.spared() {
-            return Err(format!("at {:.0} ms: its pre-computed part would be cut", 1e3 * end));
+            return Err(format!(
+                "at {:.0} ms: its pre-computed part would be cut",
+                1e3 * end
+            ));
         }
         if k % every == 0 || k == steps {
             nonlinear += simulation.nonlinear_fraction();
@@ -139,5 +145,9 @@ fn moved(simulation: &mut Simulation, (t, shares): &(u32, [f64; 4])) -> Option<V
     }
     let nodes = live.tetrahedra[*t as usize];
     let corners = (0..4).filter(|j| shares[*j] > 0.0);
-    Some(corners.map(|j| simulation.displacement(nodes[j] as usize) * shares[j]).sum())
+    Some(
+        corners
+            .map(|j| simulation.displacement(nodes[j] as usize) * shares[j])
+            .sum(),
+    )
 }

@@ -288,7 +288,7 @@ fn stated(record: &Record, error: f64, measure: &Measure) -> String {
 }
 
 /// To so many digits after the first.
-fn rounded(value: f64, digits: usize) -> f64 {
+pub fn rounded(value: f64, digits: usize) -> f64 {
     format!("{value:.digits$e}").parse().unwrap_or(value)
 }
 

@@ -27,7 +27,11 @@ impl Site {
         let mut order: Vec<(bool, f64, u32)> = (mesh.tetrahedra.iter().enumerate())
             .map(|(k, t)| (!is_cut(k), far(t), k as u32))
             .collect();
-        order.sort_by(|a, b| (a.0.cmp(&b.0)).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
+        order.sort_by(|a, b| {
+            (a.0.cmp(&b.0))
+                .then(a.1.total_cmp(&b.1))
+                .then(a.2.cmp(&b.2))
+        });
         Site {
             edge,
             order: order.into_iter().map(|(.., t)| t).collect(),

@@ -23,6 +23,7 @@ pub struct Request {
     pub gesture: String,
     pub same_mesh: bool,
     pub exhaustive: bool,
+    pub alone: bool,
     pub check: Option<PathBuf>,
     /// None: the scene's folder.
     pub output: Option<PathBuf>,
@@ -56,12 +57,15 @@ pub fn run(path: &Path, request: &Request) -> Result<(), Error> {
         }
     };
     if stop <= 0.0 {
-        return Err(wrong("the motion ends at 0 s; must have a row later than that"));
+        return Err(wrong(
+            "the motion ends at 0 s; must have a row later than that",
+        ));
     }
     let wish = Wish {
         tolerance: request.tolerance,
         rate: request.rate.unwrap_or(scene.integration.haptic_rate),
         exhaustive: request.exhaustive,
+        alone: request.alone,
     };
     let meshes = grids.0.len();
     let settings = candidate::settings().len();
@@ -84,7 +88,9 @@ pub fn run(path: &Path, request: &Request) -> Result<(), Error> {
     let (rows, advised) = search.run(tick)?;
     progress.finish_and_clear();
 
-    let stem = path.file_stem().map_or("scene".into(), |s| s.to_string_lossy());
+    let stem = path
+        .file_stem()
+        .map_or("scene".into(), |s| s.to_string_lossy());
     let home = path.parent().unwrap_or(Path::new(""));
     let folder = request.output.as_deref().unwrap_or(home);
     if !folder.as_os_str().is_empty() {
@@ -125,6 +131,8 @@ pub fn run(path: &Path, request: &Request) -> Result<(), Error> {
 /// How long a scene without tools does something \[s\].
 fn alone(scene: &Scene) -> f64 {
     let ramps = (scene.prescribed.iter().map(|p| p.ramp)).chain(scene.loads.iter().map(|l| l.ramp));
-    let last = ramps.chain(scene.cuts.iter().map(|c| c.time)).fold(0.0, f64::max);
+    let last = ramps
+        .chain(scene.cuts.iter().map(|c| c.time))
+        .fold(0.0, f64::max);
     last + if last > 0.0 { REST } else { 1.0 }
 }
