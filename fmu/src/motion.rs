@@ -294,6 +294,29 @@ mod tests {
         assert_eq!(m.before(&m.columns[1].1, 1.0), 1.0);
     }
 
+    /// What is written of a scene's motion is read again, and leads its tools the same way.
+    #[test]
+    fn motions_of_scenes_are_files() {
+        let text = r#"{"name": "b", "mesh": {"box": {"size": [1, 1, 1], "cells": [1, 1, 1]}},
+            "materials": [{"where": {"all": true}, "youngModulus": 6000, "poissonRatio": 0.45, "density": 1060}],
+            "tools": [{"name": "p", "kind": "probe", "shape": {"sphere": {"radius": 0.01}}, "position": [0, 0, 3]},
+                      {"name": "g", "kind": "grasper", "shape": {"sphere": {"radius": 0.01}}, "position": [0, 1, 3]}]}"#;
+        let scene = tissue::scene::parse(text, "b").unwrap();
+        let rows = [
+            [0.0, 0.25, 3.0, 1.0, 0.0, 0.0, 0.0, 0.0],
+            [1.0, 0.5, -0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        ];
+        let motion = Motion::of_tools(vec![0.0, 0.002], &[1], &rows.map(|r| vec![r]));
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), motion.text()).unwrap();
+        let again = Motion::of_scene(file.path(), &scene).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!((again.tools(), again.times()), (vec![1], motion.times()));
+        for t in [0.0, 0.001, 0.002, 1.0] {
+            assert_eq!(again.at(&scene, 1, t), motion.at(&scene, 1, t));
+            assert_eq!(again.at(&scene, 0, t)[..3], [0.0, 0.0, 3.0]);
+        }
+    }
+
     #[test]
     fn bad_files_say_where() {
         for (text, line) in [

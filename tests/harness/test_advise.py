@@ -103,7 +103,11 @@ def test_no_advice_says_why(probe, command):
     assert not (folder / "none" / "ball.advised.json").exists()
     motion = folder / "press.csv"
     motion.write_text("time,tool[1].position.z\n0,0.0405\n0.01,0.0395\n")
-    done = command("advise", path, "--tolerance", "0.9", "--same-mesh", "--rate", "100000", "--motion", motion, "-o", folder / "fast")
+    scene = json.loads(path.read_text())
+    scene["mesh"]["box"]["cells"] = [8, 8, 4]
+    finer = folder / "finer.json"
+    finer.write_text(json.dumps(scene))
+    done = command("advise", finer, "--tolerance", "0.01", "--same-mesh", "--rate", "100000", "--motion", motion, "-o", folder / "fast")
     assert done.returncode == 0 and "99 % of its steps take up to" in done.stdout, done.stdout
 
 

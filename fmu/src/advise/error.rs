@@ -54,3 +54,50 @@ pub fn off(points: &Points, run: &Track, truth: &Track) -> Off {
 fn relative(wrong: f64, most: f64) -> f64 {
     if wrong == 0.0 { 0.0 } else { wrong / most }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tissue::mesh::box_mesh;
+
+    fn track(force: &[[f64; 3]], tools: usize, shape: Vec<Vec<Option<Vec3>>>) -> Track {
+        Track {
+            force: force.iter().map(|f| Vec3::from(*f)).collect(),
+            tools,
+            shape,
+            steps: Vec::new(),
+            substeps: 1.0,
+            work: None,
+            gone: Vec::new(),
+            touched: Vec::new(),
+            met: Vec::new(),
+            held: 0.0,
+        }
+    }
+
+    /// Two steps of two tools: 3 N and 4 N make 5 N at most; one of four vectors is off by 1 N. A surface moved by 2 mm at most
+    /// is off by 1 mm all over; what is gone in one run is not compared.
+    #[test]
+    fn errors_are_relative_to_the_largest() {
+        let mesh = box_mesh::five([1.0; 3], [1; 3], [0.0; 3]);
+        let surface = tissue::mesh::check::surface(&mesh.tetrahedra).unwrap();
+        let points = Points::new(&mesh, &surface);
+        let all = |u: f64| vec![Some(Vec3::new(0.0, 0.0, u)); surface.len()];
+        let mut shifted = all(0.003);
+        shifted[0] = None;
+        let truth = track(
+            &[[0.0; 3], [0.0; 3], [3.0, 0.0, 0.0], [0.0, 4.0, 0.0]],
+            2,
+            vec![all(0.001), all(0.002)],
+        );
+        let run = track(
+            &[[0.0; 3], [0.0; 3], [3.0, 0.0, 1.0], [0.0, 4.0, 0.0]],
+            2,
+            vec![all(0.001), shifted],
+        );
+        let found = off(&points, &run, &truth);
+        assert!((found.force - 0.5f64.sqrt() / 5.0).abs() < 1e-12);
+        assert!((found.surface - 0.5).abs() < 1e-12 && found.most() == found.surface);
+        assert_eq!(off(&points, &truth, &truth), Off::default());
+    }
+}

@@ -1,6 +1,6 @@
 //! Motions like a given one: in another direction, faster, not as far. An advice must hold for them, too.
 
-use nalgebra::Unit;
+use nalgebra::{Rotation3, Unit};
 use tissue::mesh::Vec3;
 use tissue::scene::Scene;
 
@@ -53,6 +53,13 @@ pub const SWEEPS: [Change; 4] = [
     },
 ];
 
+/// Of a tool: from when \[s\] and where \[m\] its way is turned, and how.
+struct Turn {
+    from: f64,
+    place: Vec3,
+    turn: Rotation3<f64>,
+}
+
 /// `met`: when each tool first meets tissue \[s\]. One that never does keeps its way.
 pub fn changed(motion: &Motion, scene: &Scene, met: &[Option<f64>], change: &Change) -> Motion {
     let tools = motion.tools();
@@ -60,7 +67,7 @@ pub fn changed(motion: &Motion, scene: &Scene, met: &[Option<f64>], change: &Cha
     time.extend(met.iter().flatten().filter(|t| **t < motion.end()));
     time.sort_by(f64::total_cmp);
     time.dedup();
-    let turns: Vec<_> = (tools.iter())
+    let turns: Vec<Option<Turn>> = (tools.iter())
         .map(|k| {
             let from = met[*k]?;
             let position = |t: f64| Vec3::from_column_slice(&motion.at(scene, *k, t)[..3]);
@@ -68,16 +75,19 @@ pub fn changed(motion: &Motion, scene: &Scene, met: &[Option<f64>], change: &Cha
             let way = ways.max_by(|a, b| a.norm().total_cmp(&b.norm()))?;
             let way = Unit::try_new(way, 1e-9)?;
             let axis = Unit::new_normalize(across(&way));
-            let side = nalgebra::Rotation3::from_axis_angle(&way, change.side.to_radians());
-            let turn =
-                nalgebra::Rotation3::from_axis_angle(&(side * axis), change.tilt.to_radians());
-            Some((from, position(from), turn))
+            let side = Rotation3::from_axis_angle(&way, change.side.to_radians());
+            let turn = Rotation3::from_axis_angle(&(side * axis), change.tilt.to_radians());
+            Some(Turn {
+                from,
+                place: position(from),
+                turn,
+            })
         })
         .collect();
     let row = |t: &f64| {
-        let inputs = |(k, turn): (&usize, &Option<(f64, Vec3, nalgebra::Rotation3<f64>)>)| {
+        let inputs = |(k, turn): (&usize, &Option<Turn>)| {
             let mut inputs = motion.at(scene, *k, *t);
-            if let Some((from, place, turn)) = turn
+            if let Some(Turn { from, place, turn }) = turn
                 && t >= from
             {
                 let way = turn * (Vec3::from_column_slice(&inputs[..3]) - place);

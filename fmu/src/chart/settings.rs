@@ -604,6 +604,7 @@ fn hybrid(scene: &mut Scene, site: &Site, share: f64) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::body::Body;
     use super::super::scenes::SCENES;
     use super::*;
 
