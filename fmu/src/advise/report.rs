@@ -353,7 +353,7 @@ pub fn svg(search: &Search, rows: &[Row], advised: Option<usize>, title: &str) -
          <g transform=\"translate({3} {4})\">\n{5}</g>\n<g font-size=\"12\" fill=\"{INK}\">\n{body}</g>\n</svg>\n",
         px(LEFT),
         escape(title),
-        escape(&short(&sentence)),
+        escape(&short(&sentence).replace(" us ", " µs ")),
         px(LEFT - 8.0),
         px(HEAD),
         scatter.group(WIDTH - 2.0 * LEFT + 16.0, PANEL)

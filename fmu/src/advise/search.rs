@@ -21,7 +21,7 @@ use crate::chart::site::Site;
 use crate::motion::Motion;
 
 /// Share of the tolerance that an advice may use: the rest is for motions that were not tried.
-pub const MARGIN: f64 = 0.95;
+pub const MARGIN: f64 = 0.9;
 /// Runs of what is right enough, for its wall time: of each step the shortest counts, as others may use the machine.
 const RUNS: usize = 3;
 /// Of what tools touch, so many places say what is near.
