@@ -5,12 +5,16 @@ use std::path::{Path, PathBuf};
 use tissue::prepared::PrepareError;
 use tissue::reference::ReferenceError;
 
+use crate::advise::search::SearchError;
+
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     #[error(transparent)]
     Prepare(#[from] PrepareError),
     #[error(transparent)]
     Reference(#[from] ReferenceError),
+    #[error(transparent)]
+    Search(#[from] SearchError),
     #[error("{path}: {1}", path = .0.display())]
     File(PathBuf, std::io::Error),
     /// File, what is wrong and what would be right.

@@ -1,5 +1,6 @@
 //! `tissue-fmu`: from a scene file to a running FMU.
 
+mod advise;
 mod chart;
 mod command;
 mod drive;
@@ -60,6 +61,37 @@ enum Command {
         #[arg(short, long, default_value = "results")]
         output: PathBuf,
     },
+    /// The cheapest setting that is right enough and fast enough on a motion: measured, and written as SCENE.advised.json.
+    Advise {
+        scene: PathBuf,
+        /// Error that may be left: the larger of force and surface, relative, such as 0.05.
+        #[arg(long, value_parser = tolerance)]
+        tolerance: f64,
+        /// Steps a second that it must keep up with; default: the scene's haptic rate.
+        #[arg(long, value_parser = rate)]
+        rate: Option<f64>,
+        /// CSV as for `run`; default: a gesture, scaled to the scene.
+        #[arg(long, conflicts_with = "gesture")]
+        motion: Option<PathBuf>,
+        /// How far tools press or pull where there is no motion.
+        #[arg(long, default_value = "moderate", value_parser = ["light", "moderate", "strong"])]
+        gesture: String,
+        /// Compare with the full law on the scene's own mesh, not on a finer one, and keep the mesh.
+        #[arg(long)]
+        same_mesh: bool,
+        /// Run all candidates, also those that cannot be the cheapest.
+        #[arg(long)]
+        exhaustive: bool,
+        /// For this motion itself, not for others like it as well.
+        #[arg(long)]
+        alone: bool,
+        /// Instead of a search: what this scene is off by along the motion.
+        #[arg(long, value_name = "OTHER.json")]
+        check: Option<PathBuf>,
+        /// Folder for the advised scene, table and picture; default: the scene's.
+        #[arg(short, long)]
+        output: Option<PathBuf>,
+    },
     /// Measure every setting's speed and accuracy on the shipped scenes. What is measured already is not measured again.
     Chart {
         /// Two scenes, two mesh sizes, one gesture: less than two minutes.
@@ -105,6 +137,17 @@ enum Command {
     Schema,
 }
 
+fn tolerance(text: &str) -> Result<f64, String> {
+    let value = text.parse::<f64>().ok().filter(|v| *v > 0.0 && *v < 1.0);
+    value.ok_or_else(|| "must be a number above 0 and below 1, such as 0.05".into())
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    let range = 1.0..=100_000.0;
+    let value = text.parse::<f64>().ok().filter(|v| range.contains(v));
+    value.ok_or_else(|| "must be from 1 to 100000 Hz".into())
+}
+
 fn main() -> ExitCode {
     // Output into a closed pipe (`| head`) ends quietly, below.
     let outcome = match Arguments::parse().command {
@@ -118,6 +161,31 @@ fn main() -> ExitCode {
             rates,
             output,
         } => command::run::run(&model, motion.as_deref(), stop, step, rates, &output),
+        Command::Advise {
+            scene,
+            tolerance,
+            rate,
+            motion,
+            gesture,
+            same_mesh,
+            exhaustive,
+            alone,
+            check,
+            output,
+        } => command::advise::run(
+            &scene,
+            &command::advise::Request {
+                tolerance,
+                rate,
+                motion,
+                gesture,
+                same_mesh,
+                exhaustive,
+                alone,
+                check,
+                output,
+            },
+        ),
         Command::Chart {
             quick,
             maps: true,

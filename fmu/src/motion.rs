@@ -5,9 +5,27 @@
 
 use std::path::Path;
 
+use tissue::scene::Scene;
+use tissue::simulation::Simulation;
+
 use crate::drive::{Host, Kind, Variable};
 use crate::error::{Error, file};
 
+/// Inputs of a tool, in the order of their references: a pose, and whether it is active.
+const COMPONENTS: [&str; 8] = [
+    "position.x",
+    "position.y",
+    "position.z",
+    "orientation.w",
+    "orientation.x",
+    "orientation.y",
+    "orientation.z",
+    "active",
+];
+/// Of [`COMPONENTS`], the switch.
+const ACTIVE: u32 = 7;
+
+#[derive(Clone)]
 pub struct Motion {
     /// \[s\], ascending.
     time: Vec<f64>,
@@ -37,6 +55,98 @@ impl Motion {
                 )
             })
         })
+    }
+
+    /// Of a scene's tools, without an FMU.
+    pub fn of_scene(path: &Path, scene: &Scene) -> Result<Motion, Error> {
+        let text = std::fs::read_to_string(path).map_err(file(path))?;
+        let names: Vec<Variable> = (0..scene.tools.len())
+            .flat_map(|k| (0..COMPONENTS.len() as u32).map(move |c| input(k, c)))
+            .collect();
+        let find = |name: &str| {
+            let known = names.iter().find(|v| v.name == name);
+            known.cloned().ok_or_else(|| {
+                let count = scene.tools.len();
+                format!(
+                    "\"{name}\" is no input of this scene; inputs are {} of tools 1 to {count}",
+                    COMPONENTS.join(", ")
+                )
+            })
+        };
+        Motion::parse(&text, find).map_err(|e| Error::Content(path.to_path_buf(), e))
+    }
+
+    /// Rows of all eight inputs of tools, a list a row.
+    pub fn of_tools(time: Vec<f64>, tools: &[usize], rows: &[Vec<[f64; 8]>]) -> Motion {
+        let mut columns = Vec::new();
+        for (place, tool) in tools.iter().enumerate() {
+            for c in 0..COMPONENTS.len() {
+                let column = rows.iter().map(|row| row[place][c]).collect();
+                columns.push((input(*tool, c as u32), column));
+            }
+        }
+        Motion { time, columns }
+    }
+
+    /// Times of the rows \[s\].
+    pub fn times(&self) -> &[f64] {
+        &self.time
+    }
+
+    /// Tools of a motion of a scene, ascending.
+    pub fn tools(&self) -> Vec<usize> {
+        let of = |(v, _): &(Variable, Vec<f64>)| v.reference as usize / COMPONENTS.len();
+        let mut tools: Vec<usize> = self.columns.iter().map(of).collect();
+        tools.sort_unstable();
+        tools.dedup();
+        tools
+    }
+
+    /// A tool's inputs at a time \[s\]; what has no column is the scene's.
+    pub fn at(&self, scene: &Scene, tool: usize, time: f64) -> [f64; 8] {
+        let start = &scene.tools[tool];
+        let ([x, y, z], [w, a, b, c]) = (start.position, start.orientation);
+        let mut inputs = [x, y, z, w, a, b, c, 0.0];
+        for (variable, column) in &self.columns {
+            let reference = variable.reference as usize;
+            if reference / COMPONENTS.len() == tool {
+                inputs[reference % COMPONENTS.len()] = match variable.kind {
+                    Kind::Real => self.between(column, time),
+                    _ => self.before(column, time),
+                };
+            }
+        }
+        inputs
+    }
+
+    /// As [`Motion::apply`], of a scene's motion.
+    pub fn steer(&self, simulation: &mut Simulation, now: f64, at: f64) {
+        for (variable, column) in &self.columns {
+            let tool = variable.reference as usize / COMPONENTS.len();
+            let component = variable.reference as usize % COMPONENTS.len();
+            match variable.kind {
+                Kind::Real => {
+                    simulation.set_pose_input(tool, component, self.between(column, at));
+                }
+                _ => simulation.set_active(tool, self.before(column, now) != 0.0),
+            }
+        }
+    }
+
+    /// The file.
+    pub fn text(&self) -> String {
+        let names = self.columns.iter().map(|(v, _)| v.name.as_str());
+        let header: Vec<&str> = std::iter::once("time").chain(names).collect();
+        let mut text = header.join(",") + "\n";
+        for (k, time) in self.time.iter().enumerate() {
+            let cells = self.columns.iter().map(|(v, column)| match v.kind {
+                Kind::Real => shortest(column[k]),
+                _ => (column[k] != 0.0).to_string(),
+            });
+            let row: Vec<String> = std::iter::once(shortest(*time)).chain(cells).collect();
+            text += &(row.join(",") + "\n");
+        }
+        text
     }
 
     fn parse(
@@ -134,6 +244,26 @@ impl Motion {
     }
 }
 
+/// An input of a scene's tool, from 0.
+fn input(tool: usize, component: u32) -> Variable {
+    Variable {
+        name: format!("tool[{}].{}", tool + 1, COMPONENTS[component as usize]),
+        reference: tool as u32 * COMPONENTS.len() as u32 + component,
+        kind: match component {
+            ACTIVE => Kind::Boolean,
+            _ => Kind::Real,
+        },
+        is_input: true,
+        is_output: false,
+    }
+}
+
+/// To a nanometre, a nanosecond.
+fn shortest(value: f64) -> String {
+    let rounded = (value * 1e9).round() / 1e9;
+    format!("{}", rounded + 0.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -162,6 +292,29 @@ mod tests {
         assert_eq!(m.between(&m.columns[0].1, 9.0), 3.0);
         assert_eq!(m.before(&m.columns[1].1, 0.999), 0.0);
         assert_eq!(m.before(&m.columns[1].1, 1.0), 1.0);
+    }
+
+    /// What is written of a scene's motion is read again, and leads its tools the same way.
+    #[test]
+    fn motions_of_scenes_are_files() {
+        let text = r#"{"name": "b", "mesh": {"box": {"size": [1, 1, 1], "cells": [1, 1, 1]}},
+            "materials": [{"where": {"all": true}, "youngModulus": 6000, "poissonRatio": 0.45, "density": 1060}],
+            "tools": [{"name": "p", "kind": "probe", "shape": {"sphere": {"radius": 0.01}}, "position": [0, 0, 3]},
+                      {"name": "g", "kind": "grasper", "shape": {"sphere": {"radius": 0.01}}, "position": [0, 1, 3]}]}"#;
+        let scene = tissue::scene::parse(text, "b").unwrap();
+        let rows = [
+            [0.0, 0.25, 3.0, 1.0, 0.0, 0.0, 0.0, 0.0],
+            [1.0, 0.5, -0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        ];
+        let motion = Motion::of_tools(vec![0.0, 0.002], &[1], &rows.map(|r| vec![r]));
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), motion.text()).unwrap();
+        let again = Motion::of_scene(file.path(), &scene).unwrap_or_else(|e| panic!("{e}"));
+        assert_eq!((again.tools(), again.times()), (vec![1], motion.times()));
+        for t in [0.0, 0.001, 0.002, 1.0] {
+            assert_eq!(again.at(&scene, 1, t), motion.at(&scene, 1, t));
+            assert_eq!(again.at(&scene, 0, t)[..3], [0.0, 0.0, 3.0]);
+        }
     }
 
     #[test]

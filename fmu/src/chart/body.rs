@@ -13,6 +13,7 @@ use tissue::scene::{
 
 use super::scenes::SceneRow;
 use super::settings::SettingRow;
+use super::site::Site;
 
 /// Radius of the balls that a grip is made of, in edges of the triangle that each touches.
 const BALL: f64 = 1e-3;
@@ -28,8 +29,8 @@ pub struct Body {
     pub surface: Vec<[u32; 3]>,
     /// Nodes that the grasper holds, ascending.
     pub patch: Vec<u32>,
-    /// Mean length of the tetrahedra's edges \[m\].
-    pub edge: f64,
+    /// Tetrahedra in order of their distance from the middle of the patch.
+    pub site: Site,
 }
 
 impl Body {
@@ -66,11 +67,9 @@ impl Body {
         scene.integration.damping = Some(row.damping);
         scene.outputs = Outputs::default();
         scene.tools = vec![grasper(&mesh, &held)];
-        let edges = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)];
-        let lengths = (mesh.tetrahedra.iter()).flat_map(|t| {
-            edges.map(|(a, b)| (mesh.nodes[t[a] as usize] - mesh.nodes[t[b] as usize]).norm())
-        });
-        let edge = lengths.sum::<f64>() / (6 * mesh.tetrahedra.len()) as f64;
+        let nodes = patch.iter().map(|v| mesh.nodes[*v as usize]);
+        let middle = nodes.sum::<Vec3>() / patch.len() as f64;
+        let site = Site::new(&mesh, |p| (p - middle).norm(), &[]);
         Ok(Body {
             row,
             size,
@@ -78,14 +77,14 @@ impl Body {
             mesh,
             surface,
             patch,
-            edge,
+            site,
         })
     }
 
     /// The scene with a setting. Of what is pre-computed tools touch the patch alone.
     pub fn with(&self, setting: &SettingRow) -> Scene {
         let mut scene = self.scene.clone();
-        (setting.apply)(&mut scene, self);
+        (setting.apply)(&mut scene, &self.site);
         if matches!(scene.model.kind, ModelKind::QuasiStatic | ModelKind::Hybrid) {
             scene.model.touchable = Some(selector(Region::Nodes(self.patch.clone())));
         }
@@ -94,34 +93,8 @@ impl Body {
 
     /// Its model.
     pub fn prepare(&self, setting: &SettingRow) -> Result<Arc<Model>, PrepareError> {
-        let mut model = prepared::prepare(self.with(setting), Path::new(self.row.name))?;
-        if setting.substeps != 1.0 {
-            let period = 1.0 / model.scene.integration.haptic_rate;
-            let chosen = (period / model.substep(model.damping())).round();
-            let mut scene = model.scene.clone();
-            scene.integration.scheme = Some(model.scheme());
-            scene.integration.substep = Some(period / (setting.substeps * chosen).ceil());
-            model = model.with_scene(scene)?;
-        }
-        Ok(Arc::new(model))
-    }
-
-    /// Such a share of the tetrahedra, those whose centroids are nearest to the middle of the patch.
-    pub fn nearest(&self, share: f64) -> Vec<u32> {
-        let nodes = self.patch.iter().map(|v| self.mesh.nodes[*v as usize]);
-        let middle = nodes.sum::<Vec3>() / self.patch.len() as f64;
-        let distance = |t: u32| {
-            let corners = self.mesh.tetrahedra[t as usize].map(|v| self.mesh.nodes[v as usize]);
-            (corners.iter().sum::<Vec3>() / 4.0 - middle).norm()
-        };
-        let mut order: Vec<(f64, u32)> = (0..self.mesh.tetrahedra.len() as u32)
-            .map(|t| (distance(t), t))
-            .collect();
-        order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        order.truncate((share * order.len() as f64).round() as usize);
-        let mut chosen: Vec<u32> = order.into_iter().map(|(_, t)| t).collect();
-        chosen.sort_unstable();
-        chosen
+        let model = prepared::prepare(self.with(setting), Path::new(self.row.name))?;
+        Ok(Arc::new(setting.divided(model)?))
     }
 }
 
@@ -197,7 +170,7 @@ mod tests {
                     100.0 * off
                 );
                 assert!(off.abs() <= allowed, "{}: {off}", row.name);
-                assert!(k == 0 || body.edge < bodies[k - 1].edge);
+                assert!(k == 0 || body.site.edge < bodies[k - 1].site.edge);
             }
         }
     }

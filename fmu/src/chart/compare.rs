@@ -1,8 +1,6 @@
 //! Shapes and forces of different meshes, side by side.
 
-use tissue::mesh::Vec3;
-
-use super::body::Body;
+use tissue::mesh::{TetMesh, Vec3};
 
 /// Points of a body's surface at rest, with the share of the area that each stands for: the centroids of the triangles
 /// of its coarsest mesh.
@@ -15,14 +13,14 @@ pub struct Points {
 pub struct Places(Vec<([u32; 3], [f64; 3])>);
 
 impl Points {
-    pub fn new(body: &Body) -> Points {
-        let corners = |t: &[u32; 3]| t.map(|v| body.mesh.nodes[v as usize]);
-        let areas: Vec<f64> = (body.surface.iter().map(corners))
+    pub fn new(mesh: &TetMesh, surface: &[[u32; 3]]) -> Points {
+        let corners = |t: &[u32; 3]| t.map(|v| mesh.nodes[v as usize]);
+        let areas: Vec<f64> = (surface.iter().map(corners))
             .map(|[a, b, c]| 0.5 * (b - a).cross(&(c - a)).norm())
             .collect();
         let total: f64 = areas.iter().sum();
         Points {
-            at: (body.surface.iter().map(corners))
+            at: (surface.iter().map(corners))
                 .map(|[a, b, c]| (a + b + c) / 3.0)
                 .collect(),
             share: areas.iter().map(|area| area / total).collect(),
@@ -30,10 +28,10 @@ impl Points {
     }
 
     /// The nearest triangle of a mesh to each.
-    pub fn on(&self, body: &Body) -> Places {
-        let triangles: Vec<([Vec3; 3], Vec3, f64)> = (body.surface.iter())
+    pub fn on(&self, mesh: &TetMesh, surface: &[[u32; 3]]) -> Places {
+        let triangles: Vec<([Vec3; 3], Vec3, f64)> = (surface.iter())
             .map(|t| {
-                let corners = t.map(|v| body.mesh.nodes[v as usize]);
+                let corners = t.map(|v| mesh.nodes[v as usize]);
                 let middle = corners.iter().sum::<Vec3>() / 3.0;
                 let reach = corners.iter().map(|p| (p - middle).norm());
                 (corners, middle, reach.fold(0.0, f64::max))
@@ -52,9 +50,21 @@ impl Points {
                     best = (distance, k, shares);
                 }
             }
-            (body.surface[best.1], best.2)
+            (surface[best.1], best.2)
         };
         Places(self.at.iter().map(place).collect())
+    }
+
+    /// Root of the mean over the area \[m\] of what both know.
+    pub fn distance_of_known(&self, a: &[Option<Vec3>], b: &[Option<Vec3>]) -> f64 {
+        let (mut sum, mut area) = (0.0, 0.0);
+        for ((a, b), share) in a.iter().zip(b).zip(&self.share) {
+            if let (Some(a), Some(b)) = (a, b) {
+                sum += (a - b).norm_squared() * share;
+                area += share;
+            }
+        }
+        if area > 0.0 { (sum / area).sqrt() } else { 0.0 }
     }
 
     /// Root of the mean over the area of the squared distance, and the largest distance \[m\].
@@ -66,6 +76,11 @@ impl Points {
 }
 
 impl Places {
+    /// Nodes of the triangles and shares of them.
+    pub fn triangles(&self) -> impl Iterator<Item = &([u32; 3], [f64; 3])> {
+        self.0.iter()
+    }
+
     /// Displacement of the points \[m\] by that of nodes.
     pub fn displacement(&self, mut of: impl FnMut(u32) -> Vec3) -> Vec<Vec3> {
         (self.0.iter())

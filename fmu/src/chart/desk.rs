@@ -92,7 +92,7 @@ impl<'a> Desk<'a> {
         let Some(full) = SETTINGS.iter().find(|s| s.name == FULL) else {
             return Ok(());
         };
-        let places = self.points.on(&body);
+        let places = self.points.on(&body.mesh, &body.surface);
         let model = body.prepare(full)?;
         for gesture in &plan.gestures {
             let run = measure::run(&model, &places, plan.reach(gesture), plan.scene.hold);
@@ -126,7 +126,7 @@ impl<'a> Desk<'a> {
             return Ok(());
         }
         let model = body.prepare(setting)?;
-        let places = self.points.on(body);
+        let places = self.points.on(&body.mesh, &body.surface);
         let plan = self.plan;
         let run = measure::run(&model, &places, plan.reach(gesture), plan.scene.hold);
         self.full.insert(key, run.ok().map(Path::of));
@@ -140,7 +140,7 @@ impl<'a> Desk<'a> {
         gesture: &'static GestureRow,
         prepared: &Prepared,
     ) -> Result<Record, PrepareError> {
-        let places: Places = self.points.on(body);
+        let places: Places = self.points.on(&body.mesh, &body.surface);
         let calibration = Calibration::default().seconds(CALIBRATIONS);
         let plan = self.plan;
         let run = prepared

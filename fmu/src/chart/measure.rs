@@ -124,8 +124,8 @@ mod tests {
         let full = SETTINGS.iter().find(|s| s.name == FULL).unwrap();
         for row in &SCENES {
             let body = Body::new(row, row.sizes[0]).unwrap();
-            let points = Points::new(&body);
-            let places = points.on(&body);
+            let points = Points::new(&body.mesh, &body.surface);
+            let places = points.on(&body.mesh, &body.surface);
             let reach = 0.5 * Vec3::from(row.reach);
             let found = run(&body.prepare(full).unwrap(), &places, reach, row.hold).unwrap();
             assert_eq!(found.held, body.patch.len());

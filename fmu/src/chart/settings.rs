@@ -1,8 +1,9 @@
 //! What can be chosen for a body: kind of model, law, element, threshold, share, scheme, substep.
 
+use tissue::model::{Model, ModelError};
 use tissue::scene::{Elasticity, Element, Form, ModelKind, Region, Scene, Scheme, Selector};
 
-use super::body::Body;
+use super::site::Site;
 
 /// What a setting is drawn as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,14 +47,31 @@ pub struct SettingRow {
     pub name: &'static str,
     pub family: Family,
     pub sentence: &'static str,
-    /// Of a scene's sizes, so many from the coarsest.
+    /// Of a scene's sizes, so many from the coarsest; 0: not charted, for `advise` alone.
     pub sizes: usize,
+    /// Whether it is there to be compared with, and no advice.
+    pub compared: bool,
     /// Whether `--quick` has it.
     pub quick: bool,
     /// Times the substeps that are chosen.
     pub substeps: f64,
     /// Changes a scene that is otherwise linear, dynamic, of constant strain.
-    pub apply: fn(&mut Scene, &Body),
+    pub apply: fn(&mut Scene, &Site),
+}
+
+impl SettingRow {
+    /// The model with as many substeps as the setting has.
+    pub fn divided(&self, model: Model) -> Result<Model, ModelError> {
+        if self.substeps == 1.0 {
+            return Ok(model);
+        }
+        let period = 1.0 / model.scene.integration.haptic_rate;
+        let chosen = (period / model.substep(model.damping())).round();
+        let mut scene = model.scene.clone();
+        scene.integration.scheme = Some(model.scheme());
+        scene.integration.substep = Some(period / (self.substeps * chosen).ceil());
+        model.with_scene(scene)
+    }
 }
 
 /// The full law on an element: what a setting of that element is compared with on the same mesh.
@@ -74,6 +92,7 @@ const PLAIN: SettingRow = SettingRow {
     family: Family::TensorMass,
     sentence: "",
     sizes: 3,
+    compared: false,
     quick: false,
     substeps: 1.0,
     apply: |_, _| {},
@@ -121,6 +140,7 @@ pub const SETTINGS: &[SettingRow] = &[
         name: "neo-Hookean, averaged, half substep",
         family: Family::StableNeoHookean,
         sentence: "twice as many substeps as are chosen",
+        compared: true,
         sizes: 2,
         substeps: 2.0,
         apply: |scene, _| {
@@ -195,6 +215,7 @@ pub const SETTINGS: &[SettingRow] = &[
         name: "St Venant-Kirchhoff, polynomial",
         family: Family::StVenantKirchhoff,
         sentence: "the papers' stiffness parameters: the forces of constant strain, summed otherwise",
+        compared: true,
         sizes: 2,
         apply: |scene, _| {
             law(
@@ -211,7 +232,7 @@ pub const SETTINGS: &[SettingRow] = &[
         family: Family::Adaptive,
         sentence: "St Venant and Kirchhoff's law where tetrahedra deform by more than a twentieth of their edge (`nonlinearThreshold`), constant strain",
         sizes: 2,
-        apply: |scene, body| adaptive(scene, body.edge / 20.0),
+        apply: |scene, site| adaptive(scene, site.edge / 20.0),
         ..PLAIN
     },
     SettingRow {
@@ -219,7 +240,7 @@ pub const SETTINGS: &[SettingRow] = &[
         family: Family::Adaptive,
         sentence: "from a tenth on",
         quick: true,
-        apply: |scene, body| adaptive(scene, body.edge / 10.0),
+        apply: |scene, site| adaptive(scene, site.edge / 10.0),
         ..PLAIN
     },
     SettingRow {
@@ -227,7 +248,7 @@ pub const SETTINGS: &[SettingRow] = &[
         family: Family::Adaptive,
         sentence: "from a fifth on",
         sizes: 2,
-        apply: |scene, body| adaptive(scene, body.edge / 5.0),
+        apply: |scene, site| adaptive(scene, site.edge / 5.0),
         ..PLAIN
     },
     SettingRow {
@@ -235,7 +256,7 @@ pub const SETTINGS: &[SettingRow] = &[
         family: Family::Adaptive,
         sentence: "from two fifths on",
         sizes: 2,
-        apply: |scene, body| adaptive(scene, body.edge / 2.5),
+        apply: |scene, site| adaptive(scene, site.edge / 2.5),
         ..PLAIN
     },
     SettingRow {
@@ -265,6 +286,7 @@ pub const SETTINGS: &[SettingRow] = &[
         name: "linear, half substep",
         family: Family::TensorMass,
         sentence: "linear, twice as many substeps as are chosen",
+        compared: true,
         sizes: 2,
         substeps: 2.0,
         ..PLAIN
@@ -289,6 +311,7 @@ pub const SETTINGS: &[SettingRow] = &[
         name: "linear, implicit Euler",
         family: Family::TensorMass,
         sentence: "linear, `implicitEuler`, one solution a millisecond",
+        compared: true,
         sizes: 2,
         apply: |scene, _| scene.integration.scheme = Some(Scheme::ImplicitEuler),
         ..PLAIN
@@ -297,6 +320,7 @@ pub const SETTINGS: &[SettingRow] = &[
         name: "linear, explicit Euler",
         family: Family::TensorMass,
         sentence: "linear, `euler`, which needs very short substeps",
+        compared: true,
         sizes: 1,
         apply: |scene, _| scene.integration.scheme = Some(Scheme::Euler),
         ..PLAIN
@@ -305,6 +329,7 @@ pub const SETTINGS: &[SettingRow] = &[
         name: "springs",
         family: Family::SpringMass,
         sentence: "springs along the edges, stiffness by Van Gelder",
+        compared: true,
         quick: true,
         apply: |scene, _| scene.model.kind = ModelKind::SpringMass,
         ..PLAIN
@@ -334,7 +359,7 @@ pub const SETTINGS: &[SettingRow] = &[
         sentence: "a quarter of the tetrahedra, the nearest to the patch, dynamic and linear; the rest pre-computed; constant strain",
         sizes: 2,
         quick: true,
-        apply: |scene, body| hybrid(scene, body, 0.25),
+        apply: |scene, site| hybrid(scene, site, 0.25),
         ..PLAIN
     },
     SettingRow {
@@ -342,7 +367,7 @@ pub const SETTINGS: &[SettingRow] = &[
         family: Family::Hybrid,
         sentence: "half of them dynamic",
         sizes: 2,
-        apply: |scene, body| hybrid(scene, body, 0.5),
+        apply: |scene, site| hybrid(scene, site, 0.5),
         ..PLAIN
     },
     SettingRow {
@@ -350,7 +375,7 @@ pub const SETTINGS: &[SettingRow] = &[
         family: Family::Hybrid,
         sentence: "three quarters of them dynamic",
         sizes: 2,
-        apply: |scene, body| hybrid(scene, body, 0.75),
+        apply: |scene, site| hybrid(scene, site, 0.75),
         ..PLAIN
     },
     SettingRow {
@@ -358,8 +383,8 @@ pub const SETTINGS: &[SettingRow] = &[
         family: Family::Hybrid,
         sentence: "a quarter dynamic, the 30 softest interface modes (`interfaceModes`)",
         sizes: 2,
-        apply: |scene, body| {
-            hybrid(scene, body, 0.25);
+        apply: |scene, site| {
+            hybrid(scene, site, 0.25);
             scene.model.interface_modes = Some(30);
         },
         ..PLAIN
@@ -369,8 +394,8 @@ pub const SETTINGS: &[SettingRow] = &[
         family: Family::Hybrid,
         sentence: "a quarter dynamic, the 90 softest interface modes",
         sizes: 2,
-        apply: |scene, body| {
-            hybrid(scene, body, 0.25);
+        apply: |scene, site| {
+            hybrid(scene, site, 0.25);
             scene.model.interface_modes = Some(90);
         },
         ..PLAIN
@@ -381,9 +406,9 @@ pub const SETTINGS: &[SettingRow] = &[
         sentence: "a quarter dynamic with the stable neo-Hookean law on nodal-averaged elements, the rest pre-computed and linear",
         sizes: 2,
         quick: true,
-        apply: |scene, body| {
+        apply: |scene, site| {
             law(scene, Elasticity::StableNeoHookean, Element::NodalAveraged);
-            hybrid(scene, body, 0.25);
+            hybrid(scene, site, 0.25);
         },
         ..PLAIN
     },
@@ -392,9 +417,9 @@ pub const SETTINGS: &[SettingRow] = &[
         family: Family::Hybrid,
         sentence: "the same with half of the tetrahedra",
         sizes: 2,
-        apply: |scene, body| {
+        apply: |scene, site| {
             law(scene, Elasticity::StableNeoHookean, Element::NodalAveraged);
-            hybrid(scene, body, 0.5);
+            hybrid(scene, site, 0.5);
         },
         ..PLAIN
     },
@@ -403,9 +428,156 @@ pub const SETTINGS: &[SettingRow] = &[
         family: Family::Hybrid,
         sentence: "the same with three quarters",
         sizes: 2,
-        apply: |scene, body| {
+        apply: |scene, site| {
             law(scene, Elasticity::StableNeoHookean, Element::NodalAveraged);
-            hybrid(scene, body, 0.75);
+            hybrid(scene, site, 0.75);
+        },
+        ..PLAIN
+    },
+    SettingRow {
+        name: "neo-Hookean, averaged, c = 0.25, longer substep",
+        family: Family::StableNeoHookean,
+        sentence: "less stabilisation and two thirds of the substeps",
+        sizes: 0,
+        substeps: 2.0 / 3.0,
+        apply: |scene, _| {
+            law(scene, Elasticity::StableNeoHookean, Element::NodalAveraged);
+            scene.model.hourglass = 0.25;
+        },
+        ..PLAIN
+    },
+    SettingRow {
+        name: "linear, averaged, longer substep",
+        family: Family::TensorMass,
+        sentence: "linear elasticity on nodal-averaged elements, two thirds of the substeps",
+        sizes: 0,
+        substeps: 2.0 / 3.0,
+        apply: |scene, _| law(scene, Elasticity::Linear, Element::NodalAveraged),
+        ..PLAIN
+    },
+    SettingRow {
+        name: "hybrid 5 %, averaged",
+        family: Family::Hybrid,
+        sentence: "5 % dynamic, linear on nodal-averaged elements",
+        sizes: 0,
+        apply: |scene, site| {
+            law(scene, Elasticity::Linear, Element::NodalAveraged);
+            hybrid(scene, site, 0.05);
+        },
+        ..PLAIN
+    },
+    SettingRow {
+        name: "hybrid 10 %, averaged",
+        family: Family::Hybrid,
+        sentence: "10 % dynamic, linear on nodal-averaged elements",
+        sizes: 0,
+        apply: |scene, site| {
+            law(scene, Elasticity::Linear, Element::NodalAveraged);
+            hybrid(scene, site, 0.1);
+        },
+        ..PLAIN
+    },
+    SettingRow {
+        name: "hybrid 25 %, averaged",
+        family: Family::Hybrid,
+        sentence: "25 % dynamic, linear on nodal-averaged elements",
+        sizes: 0,
+        apply: |scene, site| {
+            law(scene, Elasticity::Linear, Element::NodalAveraged);
+            hybrid(scene, site, 0.25);
+        },
+        ..PLAIN
+    },
+    SettingRow {
+        name: "hybrid 50 %, averaged",
+        family: Family::Hybrid,
+        sentence: "50 % dynamic, linear on nodal-averaged elements",
+        sizes: 0,
+        apply: |scene, site| {
+            law(scene, Elasticity::Linear, Element::NodalAveraged);
+            hybrid(scene, site, 0.5);
+        },
+        ..PLAIN
+    },
+    SettingRow {
+        name: "hybrid 10 %, averaged, 30 modes",
+        family: Family::Hybrid,
+        sentence: "10 % dynamic, linear on nodal-averaged elements, the 30 softest interface modes",
+        sizes: 0,
+        apply: |scene, site| {
+            law(scene, Elasticity::Linear, Element::NodalAveraged);
+            hybrid(scene, site, 0.1);
+            scene.model.interface_modes = Some(30);
+        },
+        ..PLAIN
+    },
+    SettingRow {
+        name: "hybrid 25 %, averaged, 60 modes",
+        family: Family::Hybrid,
+        sentence: "25 % dynamic, linear on nodal-averaged elements, the 60 softest interface modes",
+        sizes: 0,
+        apply: |scene, site| {
+            law(scene, Elasticity::Linear, Element::NodalAveraged);
+            hybrid(scene, site, 0.25);
+            scene.model.interface_modes = Some(60);
+        },
+        ..PLAIN
+    },
+    SettingRow {
+        name: "hybrid 5 %, neo-Hookean",
+        family: Family::Hybrid,
+        sentence: "5 % dynamic, the stable neo-Hookean law on nodal-averaged elements",
+        sizes: 0,
+        apply: |scene, site| {
+            law(scene, Elasticity::StableNeoHookean, Element::NodalAveraged);
+            hybrid(scene, site, 0.05);
+        },
+        ..PLAIN
+    },
+    SettingRow {
+        name: "hybrid 10 %, neo-Hookean",
+        family: Family::Hybrid,
+        sentence: "10 % dynamic, the stable neo-Hookean law on nodal-averaged elements",
+        sizes: 0,
+        apply: |scene, site| {
+            law(scene, Elasticity::StableNeoHookean, Element::NodalAveraged);
+            hybrid(scene, site, 0.1);
+        },
+        ..PLAIN
+    },
+    SettingRow {
+        name: "hybrid 10 %, neo-Hookean, 30 modes",
+        family: Family::Hybrid,
+        sentence: "10 % dynamic, the stable neo-Hookean law on nodal-averaged elements, the 30 softest interface modes",
+        sizes: 0,
+        apply: |scene, site| {
+            law(scene, Elasticity::StableNeoHookean, Element::NodalAveraged);
+            hybrid(scene, site, 0.1);
+            scene.model.interface_modes = Some(30);
+        },
+        ..PLAIN
+    },
+    SettingRow {
+        name: "hybrid 25 %, neo-Hookean, 60 modes",
+        family: Family::Hybrid,
+        sentence: "25 % dynamic, the stable neo-Hookean law on nodal-averaged elements, the 60 softest interface modes",
+        sizes: 0,
+        apply: |scene, site| {
+            law(scene, Elasticity::StableNeoHookean, Element::NodalAveraged);
+            hybrid(scene, site, 0.25);
+            scene.model.interface_modes = Some(60);
+        },
+        ..PLAIN
+    },
+    SettingRow {
+        name: "hybrid 50 %, neo-Hookean, 60 modes",
+        family: Family::Hybrid,
+        sentence: "50 % dynamic, the stable neo-Hookean law on nodal-averaged elements, the 60 softest interface modes",
+        sizes: 0,
+        apply: |scene, site| {
+            law(scene, Elasticity::StableNeoHookean, Element::NodalAveraged);
+            hybrid(scene, site, 0.5);
+            scene.model.interface_modes = Some(60);
         },
         ..PLAIN
     },
@@ -421,17 +593,18 @@ fn adaptive(scene: &mut Scene, threshold: f64) {
     scene.model.nonlinear_threshold = threshold;
 }
 
-/// The tetrahedra nearest to the patch are dynamic.
-fn hybrid(scene: &mut Scene, body: &Body, share: f64) {
+/// The tetrahedra that come first are dynamic.
+fn hybrid(scene: &mut Scene, site: &Site, share: f64) {
     scene.model.kind = ModelKind::Hybrid;
     scene.model.dynamic = Some(Selector {
         optional: false,
-        region: Region::Tetrahedra(body.nearest(share)),
+        region: Region::Tetrahedra(site.nearest(share)),
     });
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::body::Body;
     use super::super::scenes::SCENES;
     use super::*;
 
@@ -450,7 +623,7 @@ mod tests {
                 let what = (scene.model, scene.integration, setting.substeps.to_bits());
                 assert!(!seen.contains(&what), "{} says nothing new", setting.name);
                 seen.push(what);
-                assert!((1..=3).contains(&setting.sizes) && !setting.sentence.is_empty());
+                assert!(setting.sizes <= 3 && !setting.sentence.is_empty());
             }
         }
     }

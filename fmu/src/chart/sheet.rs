@@ -228,7 +228,7 @@ fn key(best: &[(&Record, [f64; 2])], measure: &Measure, width: f64) -> String {
 }
 
 /// A setting's name where there is little room.
-fn short(name: &str) -> String {
+pub fn short(name: &str) -> String {
     let words = [
         ("St Venant-Kirchhoff", "StVK"),
         ("neo-Hookean", "NH"),
@@ -251,7 +251,7 @@ fn point(plan: &Plan, record: &Record, [x, y]: [f64; 2]) -> Point {
     }
 }
 
-fn color(family: Family) -> [u8; 3] {
+pub fn color(family: Family) -> [u8; 3] {
     match family {
         Family::SpringMass => PALETTE[6],
         Family::QuasiStatic => PALETTE[2],
@@ -288,12 +288,12 @@ fn stated(record: &Record, error: f64, measure: &Measure) -> String {
 }
 
 /// To so many digits after the first.
-fn rounded(value: f64, digits: usize) -> f64 {
+pub fn rounded(value: f64, digits: usize) -> f64 {
     format!("{value:.digits$e}").parse().unwrap_or(value)
 }
 
 /// Three digits, without an exponent.
-fn three(value: f64) -> String {
+pub fn three(value: f64) -> String {
     format!("{}", rounded(value, 2))
 }
 
@@ -345,7 +345,7 @@ pub fn table(plans: &[Plan], records: &[Record]) -> String {
 }
 
 /// Two digits, without an exponent; 0 where it is next to nothing.
-fn two(value: f64) -> String {
+pub fn two(value: f64) -> String {
     if value < 1e-4 {
         return "0".into();
     }

@@ -124,7 +124,7 @@ pub fn run<E: From<PrepareError>>(
             continue;
         }
         let coarsest = bodies.last().unwrap_or(&bodies[0]);
-        let mut desk = Desk::new(plan, Points::new(coarsest));
+        let mut desk = Desk::new(plan, Points::new(&coarsest.mesh, &coarsest.surface));
         desk.find_reference(&bodies[0])?;
         let mut models: Option<(f64, &str, Prepared)> = None;
         for ((body, setting, gesture), key) in rows().zip(keys) {

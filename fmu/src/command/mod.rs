@@ -1,5 +1,6 @@
 //! One command a file.
 
+pub mod advise;
 pub mod build;
 pub mod chart;
 pub mod demo;
