@@ -10,7 +10,7 @@
 //!
 //! A force lambda_c moves the nodes by v_i += b_i gain / m_i lambda_c in the substep, so that each place answers to itself by
 //! W = sum b_i² gain / m_i, and to others by the nodes that they share. Beside held nodes, where b_i of the others is small, W has
-//! a least value, by which the place yields: a small force there would throw a light vertex far. [`super::solve`] finds the
+//! a least value, by which the place yields: a small force there would throw a light vertex far. `solve` finds the
 //! forces from those of the substep before. (The papers hold vertices instead; this is the unilateral constraint at velocity level of
 //! the manual's section 11.)
 
