@@ -15,9 +15,10 @@ use crate::model::tensor_mass::Lane;
 
 /// Passes through the places of a substep at most.
 const MOST_PASSES: usize = 100;
-/// Unknowns in Newton's steps at most. A step is kept that leaves the next pass no more than so much to change.
-const GAIN: f64 = 0.5;
+/// Unknowns in Newton's steps at most.
 const UNKNOWN: usize = 24;
+/// A step is kept that leaves the next pass no more to change than this share of what the last one did.
+const GAIN: f64 = 0.5;
 /// Passes end when no force changes by more than this share of the largest.
 const SETTLED: f64 = 1e-11;
 /// Share of the largest number of the equations that is added to their diagonal: more places may touch than there are ways to move.
