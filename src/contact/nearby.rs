@@ -119,7 +119,7 @@ impl Nearby {
 }
 
 /// Where nodes are.
-pub fn corners(state: &State, nodes: &[u32; 3]) -> [Vec3; 3] {
+fn corners(state: &State, nodes: &[u32; 3]) -> [Vec3; 3] {
     nodes.map(|v| state.live.rest[v as usize] + state.displacement[v as usize].xyz())
 }
 

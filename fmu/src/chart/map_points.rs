@@ -1,12 +1,12 @@
 //! Points of the maps of meshes, interfaces, contact and fragments.
 
 use tissue::mesh::box_mesh;
-use tissue::mesh::quality::{corners, dihedral_angles, volume};
 use tissue::mesh::{TetMesh, Vec3};
 use tissue::reference;
 use tissue::simulation::Simulation;
 
 use super::maps::{Cell, LAWS, Outcome, cell, model, stopped};
+use super::random::least_dihedral;
 
 /// A bar of 60 x 30 x 30 mm whose nodes were moved, each its own way, until the smallest dihedral angle \[degrees\] is so small.
 fn moved(dihedral: f64) -> TetMesh {
@@ -17,24 +17,13 @@ fn moved(dihedral: f64) -> TetMesh {
         let turn = |g: f64| 2.0 * (k as f64 * g).fract() - 1.0;
         Vec3::new(turn(0.618_034), turn(0.754_878), turn(0.569_840)) * 0.0075
     };
-    let least = |mesh: &TetMesh| {
-        let of = |t: &[u32; 4]| {
-            let p = corners(mesh, *t);
-            match volume(p) > 0.0 {
-                true => dihedral_angles(p).into_iter().fold(f64::MAX, f64::min),
-                false => 0.0,
-            }
-        };
-        let least = mesh.tetrahedra.iter().map(of).fold(f64::MAX, f64::min);
-        least.to_degrees()
-    };
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..20 {
         let share = 0.5 * (low + high);
         for (k, node) in mesh.nodes.iter_mut().enumerate() {
             *node = plain[k] + way(k) * share;
         }
-        match least(&mesh) >= dihedral {
+        match least_dihedral(&mesh) >= dihedral {
             true => low = share,
             false => high = share,
         }

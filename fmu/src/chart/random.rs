@@ -205,7 +205,8 @@ struct Body {
     least_height: f64,
 }
 
-fn least_dihedral(mesh: &TetMesh) -> f64 {
+/// Smallest dihedral angle \[degrees\]; 0 where a tetrahedron is inside out.
+pub fn least_dihedral(mesh: &TetMesh) -> f64 {
     let of = |t: &[u32; 4]| {
         let p = corners(mesh, *t);
         match volume(p) > 0.0 {
