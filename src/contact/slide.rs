@@ -14,6 +14,8 @@
 //! forces from those of the substep before. (The papers hold vertices instead; this is the unilateral constraint at velocity level of
 //! the manual's section 11.)
 
+use std::cmp::Ordering;
+
 use super::geometry::Capsule;
 use super::hold;
 use super::nearby::{self, Nearby};
@@ -71,17 +73,56 @@ pub struct Contact {
     pub velocity: Vec3,
 }
 
+/// A place of a tool, in the order in which they are listed: which capsule, which nodes, and whether it is nearest to the far end of
+/// the axis; of tissue without mass not yet where.
+type Name = u128;
+/// Of tissue without mass, which comes first.
+const STAYS: Name = 0;
+const MOVES: Name = 1 << 127;
+
+fn name(capsule: u32, nodes: [u32; 3], place: &Place) -> Name {
+    let part = match place {
+        Place::At(_) => STAYS,
+        Place::Nearest => MOVES,
+        Place::NearestEnd => MOVES | 1,
+    };
+    let each = nodes.into_iter();
+    part | each.fold(Name::from(capsule), |all, v| all << 32 | Name::from(v)) << 1
+}
+
 impl Contact {
-    /// Of one tool.
-    fn key(&self) -> (u128, [u64; 3]) {
-        let place = match self.place {
-            Place::Nearest => [0; 3],
-            Place::NearestEnd => [1, 0, 0],
-            Place::At(weight) => weight.map(f64::to_bits),
+    /// Nothing is known of it but where it is.
+    fn new(tool: u32, capsule: u32, nodes: [u32; 3], place: Place) -> Contact {
+        Contact {
+            tool,
+            capsule,
+            nodes,
+            place,
+            force: Vec3::zeros(),
+            velocity: Vec3::zeros(),
+        }
+    }
+
+    /// Of a name of tissue with mass.
+    fn named(tool: u32, name: Name) -> Contact {
+        let part = |k: u32| (name >> (32 * k + 1)) as u32;
+        let place = match name & 1 {
+            0 => Place::Nearest,
+            _ => Place::NearestEnd,
         };
-        let each = [self.capsule, self.nodes[0], self.nodes[1], self.nodes[2]];
-        let name = each.iter().fold(0, |name, k| name << 32 | u128::from(*k));
-        (name, place)
+        let capsule = part(3) & (u32::MAX >> 2);
+        Contact::new(tool, capsule, [part(2), part(1), part(0)], place)
+    }
+
+    /// Of one tool.
+    fn order(&self, other: &Contact) -> Ordering {
+        let names = [self, other].map(|c| name(c.capsule, c.nodes, &c.place));
+        names[0]
+            .cmp(&names[1])
+            .then_with(|| match (self.place, other.place) {
+                (Place::At(a), Place::At(b)) => a.map(f64::to_bits).cmp(&b.map(f64::to_bits)),
+                _ => Ordering::Equal,
+            })
     }
 
     /// Whether it is on tissue without mass.
@@ -127,6 +168,7 @@ pub struct Scratch {
     pub(super) press: Press,
     touches: Vec<Touch>,
     before: Vec<Contact>,
+    names: Vec<Name>,
     nodes: Vec<u32>,
     pub(super) shape: Vec<Capsule>,
     /// A node each, of old where nothing touches: velocities as the sweep has left them, or accelerations.
@@ -143,6 +185,7 @@ impl Scratch {
             press: Press::with_room(model),
             touches: Vec::with_capacity(room),
             before: Vec::with_capacity(room),
+            names: Vec::with_capacity(room),
             nodes: Vec::with_capacity(3 * room),
             shape: Vec::with_capacity(model.tools.iter().map(ToolShape::capsules).sum()),
             swept: vec![Lane::default(); model.parts.known],
@@ -201,37 +244,36 @@ pub fn find(
         return;
     }
     let first = state.contacts.len();
+    work.names.clear();
     nearby.refresh(model, state, k, MARGIN * model.tools[k].most_radius() + way);
     for (c, capsule) in model.tools[k].at(&state.tools[k].pose).enumerate() {
-        find_near(
-            model,
-            state,
-            nearby.faces(k, c),
-            (tool, c as u32),
-            &capsule,
-            way,
-        );
+        let faces = nearby.faces(k, c);
+        let names = &mut work.names;
+        find_near(model, state, faces, (tool, c as u32), &capsule, way, names);
     }
-    let own = &mut state.contacts[first..];
-    own.sort_unstable_by_key(Contact::key);
+    let contacts = &mut state.contacts;
+    contacts[first..].sort_unstable_by(Contact::order);
+    work.names.sort_unstable();
+    work.names.dedup();
+    contacts.extend(work.names.iter().map(|name| Contact::named(tool, *name)));
+    // Equal ones of tissue without mass are side by side.
     let mut count = first;
-    for at in first..state.contacts.len() {
-        let mut contact = state.contacts[at];
-        if count > first && state.contacts[count - 1].key() == contact.key() {
+    for at in first..contacts.len() {
+        let mut contact = contacts[at];
+        if count > first && contacts[count - 1].order(&contact).is_eq() {
             continue;
         }
-        let same = |other: &Contact| other.key().cmp(&contact.key());
-        if let Ok(found) = work.before.binary_search_by(same) {
+        if let Ok(found) = work.before.binary_search_by(|c| c.order(&contact)) {
             contact.force = work.before[found].force;
             contact.velocity = work.before[found].velocity;
         }
-        state.contacts[count] = contact;
+        contacts[count] = contact;
         count += 1;
     }
-    state.contacts.truncate(count);
+    contacts.truncate(count);
 }
 
-/// Of these faces.
+/// Of these faces. Adds `names` of dynamic tissue, contacts of what has no mass, each as often as faces share it.
 fn find_near(
     model: &Model,
     state: &mut State,
@@ -239,6 +281,7 @@ fn find_near(
     (tool, c): (u32, u32),
     capsule: &Capsule,
     way: f64,
+    names: &mut Vec<Name>,
 ) {
     let beyond = MARGIN * capsule.radius + way;
     let reach = capsule.radius + beyond;
@@ -252,16 +295,7 @@ fn find_near(
     } = state;
     let moving = model.parts.moving as u32;
     let touchable = moving + model.parts.touchable as u32;
-    let mut add = |capsule, nodes, place| {
-        contacts.push(Contact {
-            tool,
-            capsule,
-            nodes,
-            place,
-            force: Vec3::zeros(),
-            velocity: Vec3::zeros(),
-        });
-    };
+    let mut add = |nodes, place| names.push(name(c, nodes, &place));
     for face in faces {
         let nodes = live.triangle(model, *face);
         if nodes.iter().any(|v| *v >= touchable) {
@@ -291,16 +325,16 @@ fn find_near(
                 let is_inside = inside.map(|(_, b)| b).sum::<f64>() >= LEAST_INSIDE;
                 if is_inside && capsule.axis_distance(&place) <= reach {
                     let (nodes, weight) = press::compact(sorted, weight);
-                    add(c, nodes, Place::At(weight));
+                    contacts.push(Contact::new(tool, c, nodes, Place::At(weight)));
                 }
             });
         }
         let above = |x: &Vec3| (x - middle).dot(&normal).abs() <= reach * normal.norm();
         if above(&capsule.tip) && sorted[2] < moving {
-            add(c, sorted, Place::Nearest);
+            add(sorted, Place::Nearest);
         }
         if capsule.tip != capsule.end && above(&capsule.end) && sorted[2] < moving {
-            add(c, sorted, Place::NearestEnd);
+            add(sorted, Place::NearestEnd);
         }
         let distance = at.map(|x| capsule.axis_distance(&x));
         for (a, b) in [(0, 1), (1, 2), (0, 2)] {
@@ -309,12 +343,12 @@ fn find_near(
                 .map(|(share, on_axis)| (at[a] + (at[b] - at[a]) * share - on_axis).norm());
             let nearest = between.unwrap_or(distance[a].min(distance[b]));
             if nearest <= reach && sorted[b] < moving {
-                add(c, [sorted[a], sorted[b], sorted[b]], Place::Nearest);
+                add([sorted[a], sorted[b], sorted[b]], Place::Nearest);
             }
         }
         for (v, distance) in sorted.into_iter().zip(distance) {
             if distance <= reach && v < moving {
-                add(c, [v; 3], Place::Nearest);
+                add([v; 3], Place::Nearest);
             }
         }
     }
