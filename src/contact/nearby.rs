@@ -11,7 +11,7 @@ use crate::pose::Pose;
 use crate::state::State;
 
 /// How far they are looked for beyond what is in reach, in rest lengths of the longest edge.
-const SLACK: f64 = 0.25;
+const SLACK: f64 = 0.5;
 
 /// Of all tools. Whatever it holds, results are the same.
 #[derive(Debug, Default)]

@@ -167,6 +167,8 @@ impl Contact {
 pub struct Scratch {
     pub(super) press: Press,
     touches: Vec<Touch>,
+    /// Unit vectors along which contacts, by their places in the list, were last found apart from what they are of. Any will do.
+    apart: Vec<Vec3>,
     before: Vec<Contact>,
     names: Vec<Name>,
     nodes: Vec<u32>,
@@ -184,6 +186,7 @@ impl Scratch {
         Scratch {
             press: Press::with_room(model),
             touches: Vec::with_capacity(room),
+            apart: Vec::with_capacity(room),
             before: Vec::with_capacity(room),
             names: Vec::with_capacity(room),
             nodes: Vec::with_capacity(3 * room),
@@ -434,6 +437,7 @@ fn touch(
 ) {
     work.touches.clear();
     work.nodes.clear();
+    work.apart.resize(state.contacts.len(), Vec3::zeros());
     let mut of = u32::MAX;
     for at in 0..state.contacts.len() {
         let contact = &mut state.contacts[at];
@@ -444,6 +448,10 @@ fn touch(
             Some(_) => std::mem::take(&mut contact.force),
             None => contact.force,
         };
+        let is_new = last == Vec3::zeros();
+        if is_new && from.is_none() {
+            continue;
+        }
         let (k, contact) = (contact.tool as usize, *contact);
         let pose = &state.tools[k].pose;
         if contact.tool != of {
@@ -464,6 +472,9 @@ fn touch(
             true => [first; 3],
             false => [first, stands(nodes[1]), stands(nodes[2])],
         };
+        if is_new && stays_apart(&work.apart[at], capsule, &x) > back * fastest(state, &nodes) {
+            continue;
+        }
         let Some((weight, on_axis)) = contact.weights(capsule, &x) else {
             continue;
         };
@@ -474,12 +485,13 @@ fn touch(
             continue;
         }
         let (gap, normal) = (distance - capsule.radius, away / distance);
+        work.apart[at] = normal;
         let mean = nodes
             .iter()
             .zip(weight)
             .map(|(i, b)| state.velocity[*i].xyz() * b);
         let enters = from.is_some() && gap + back * normal.dot(&mean.sum::<Vec3>()) < 0.0;
-        if !enters && last == Vec3::zeros() {
+        if !enters && is_new {
             continue;
         }
         let gain = gain(state, nodes[0], by);
@@ -517,11 +529,7 @@ fn touch(
             gap: gap.max(-MOST_THROW * capsule.radius - by_tool),
             tool,
             // What has just come is struck.
-            before: if last == Vec3::zeros() {
-                tool
-            } else {
-                contact.velocity
-            },
+            before: if is_new { tool } else { contact.velocity },
             along,
             across: w.max(),
             yields: (yields - along).max(0.0),
@@ -536,6 +544,22 @@ fn touch(
     }
     work.nodes.sort_unstable();
     work.nodes.dedup();
+}
+
+/// How far corners are from a capsule along a unit vector, less what rounding may add \[m\]: no point between them is nearer.
+fn stays_apart(along: &Vec3, capsule: &Capsule, corners: &[Vec3; 3]) -> f64 {
+    let nearest = corners
+        .iter()
+        .map(|x| along.dot(x))
+        .fold(f64::MAX, f64::min);
+    let farthest = along.dot(&capsule.tip).max(along.dot(&capsule.end));
+    nearest - farthest - capsule.radius * (1.0 + 1e-9)
+}
+
+/// No node is faster \[m/s\].
+fn fastest(state: &State, nodes: &[usize; 3]) -> f64 {
+    let speed = |i: &usize| state.velocity[*i].xyz().abs().sum();
+    nodes.iter().map(speed).fold(0.0, f64::max)
 }
 
 /// Force \[N\] and torque \[N m\] of what slides on each tool at the end of a step, without inertia: of the forces that keep
