@@ -4,6 +4,8 @@ use nalgebra::Matrix3;
 
 use crate::element::Elements;
 use crate::element::blend::Blend;
+use crate::element::guard;
+use crate::element::listed::Listed;
 use crate::element::polynomial;
 use crate::element::tetrahedra::{self, Extent};
 use crate::law::linear::Hooke;
@@ -137,6 +139,9 @@ impl LiveMesh {
                 }
             }
         }
+        if let Some(elements) = &mut live.elements {
+            elements.guard(live.tetrahedra.len(), nodes);
+        }
         for (f, face) in model.topology.faces.iter().enumerate() {
             if face.tetrahedra[1] == NONE {
                 live.expose(f as u32);
@@ -220,11 +225,11 @@ impl LiveMesh {
         self.springs.is_none() && self.elements.is_none()
     }
 
-    /// How far what has a non-linear law is deformed.
-    pub fn extent(&self, u: &[Lane]) -> Extent {
+    /// How far what has a non-linear law is deformed. `points` is scratch.
+    pub fn extent(&self, u: &[Lane], points: &mut [f64]) -> Extent {
         match (&self.elements, &self.blend) {
             (Some(elements), _) if elements.law() == Law::Linear => Extent::default(),
-            (Some(elements), _) => elements.tetrahedra().extent(u),
+            (Some(elements), _) => elements.extent(u, points, &self.mass),
             (_, Some(blend)) => blend.extent(u),
             _ => Extent::default(),
         }
@@ -250,7 +255,8 @@ impl LiveMesh {
     /// One substep of adaptive tissue: what is beyond the threshold starts the sweep.
     fn adaptive_sweep(&self, pattern: &Pattern, motion: &mut Motion, by: &Advance) -> Sums {
         let excess = self.blend.as_ref().map_or_else(Default::default, |blend| {
-            blend.add_forces(motion.listed, motion.displacement, motion.partial)
+            let listed = motion.listed.and_then(Listed::blend);
+            blend.add_forces(listed, motion.displacement, motion.partial)
         });
         let mut sums = sweep(pattern, &self.tensors, motion, by);
         // It has found u . force of both.
@@ -292,7 +298,9 @@ impl LiveMesh {
                 self.star_force(model, own.law, i, u)
             }
             (_, Some(Elements::NodalPressure(own))) => own.node_force(i, u),
-            (_, Some(Elements::NodalAveraged(own, _))) => own.node_force(i, u),
+            (_, Some(Elements::NodalAveraged(own, _))) => {
+                own.node_force(i, u) + self.resistance(model, i, u)
+            }
             _ => {
                 let linear = self.tensors.row_product(self.pattern(model), i, u);
                 linear + self.beyond(model, i, u)
@@ -347,23 +355,12 @@ impl LiveMesh {
 
     /// Force of adaptive tissue on top of the tensors' at a node \[N\].
     fn beyond(&self, model: &Model, i: usize, u: &[Lane]) -> Vec3 {
-        let mut sum = Vec3::zeros();
         let Some(blend) = &self.blend else {
-            return sum;
+            return Vec3::zeros();
         };
-        if self.star_count[i] == 0 {
-            return sum;
-        }
-        let own = |t: &u32| model.parts.dynamic[*t as usize];
-        for t in self.star(model, i as u32).filter(own) {
-            let nodes = self.tetrahedra[t as usize];
-            let u = nodes.map(|v| u[v as usize].xyz());
-            let material = &model.material(t as usize).law;
-            let (force, ..) = blend.force(material, &model.shape[t as usize], &u);
-            let corner = nodes.iter().position(|v| *v as usize == i);
-            sum += corner.map_or(Vec3::zeros(), |k| force[k]);
-        }
-        sum
+        self.sum_round(model, i, u, |t, u| {
+            blend.force(&model.material(t).law, &model.shape[t], u).0
+        })
     }
 
     /// Energy of whole pieces that half of u . force is not \[J\]: adaptive tissue's.
@@ -398,18 +395,43 @@ impl LiveMesh {
         }
     }
 
-    /// That of the elements round a node.
+    /// That of the tetrahedra round a node.
     fn star_force(&self, model: &Model, law: Law, i: usize, u: &[Lane]) -> Vec3 {
+        self.sum_round(model, i, u, |t, u| {
+            let material = self.material(model, t);
+            tetrahedra::force(law, &material, &model.shape[t], u).0
+        })
+    }
+
+    /// That of the guard round a node.
+    fn resistance(&self, model: &Model, i: usize, u: &[Lane]) -> Vec3 {
+        self.sum_round(model, i, u, |t, u| self.guard_force(model, t, u).0)
+    }
+
+    /// Forces dW/du \[N\] of a tetrahedron's guard, and its energy \[J\].
+    pub(crate) fn guard_force(&self, model: &Model, t: usize, u: &[Vec3; 4]) -> ([Vec3; 4], f64) {
+        match self.elements.as_ref().and_then(Elements::guarded) {
+            Some(_) => guard::force(&model.material(t).law, &model.shape[t], u),
+            None => Default::default(),
+        }
+    }
+
+    /// What dynamic tetrahedra round a node do to it, of the forces on the corners of each.
+    fn sum_round(
+        &self,
+        model: &Model,
+        i: usize,
+        u: &[Lane],
+        forces: impl Fn(usize, &[Vec3; 4]) -> [Vec3; 4],
+    ) -> Vec3 {
         let mut sum = Vec3::zeros();
         if self.star_count[i] == 0 {
             return sum;
         }
         let own = |t: &u32| model.parts.dynamic[*t as usize];
         for t in self.star(model, i as u32).filter(own) {
-            let (t, nodes) = (t as usize, self.tetrahedra[t as usize]);
-            let (shape, material) = (&model.shape[t], self.material(model, t));
-            let u = nodes.map(|v| u[v as usize].xyz());
-            let (force, _) = tetrahedra::force(law, &material, shape, &u);
+            let nodes = self.tetrahedra[t as usize];
+            let force = forces(t as usize, &nodes.map(|v| u[v as usize].xyz()));
             let corner = nodes.iter().position(|v| *v as usize == i);
             sum += corner.map_or(Vec3::zeros(), |k| force[k]);
         }

@@ -101,7 +101,9 @@ impl<'a> Tissue<'a> {
         for elements in with_points.into_iter().flatten() {
             let mut forces = vec![Lane::default(); u.len()];
             let mut points = vec![0.0; elements.points()];
-            at.energy += elements.add_forces(&lanes(u), &mut forces, &mut points).0;
+            let u = lanes(u);
+            let (energy, _) = elements.add_forces(None, &u, &mut forces, &mut points, &live.mass);
+            at.energy += energy;
             for (to, force) in at.internal.iter_mut().zip(&forces) {
                 *to += force.xyz();
             }

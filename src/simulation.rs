@@ -356,7 +356,8 @@ impl Simulation {
         let before = self.energy().balance();
         change(&mut self.state);
         self.forget();
-        self.state.extent = self.state.live.extent(&self.state.displacement);
+        let points = &mut self.work.points;
+        self.state.extent = self.state.live.extent(&self.state.displacement, points);
         self.state.account.support_work += self.energy().balance() - before;
         self.forget();
         self.restart_account();

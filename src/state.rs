@@ -244,7 +244,8 @@ impl State {
                 }
             }
         }
-        self.extent = self.live.extent(&self.displacement);
+        let mut points = vec![0.0; self.live.points()];
+        self.extent = self.live.extent(&self.displacement, &mut points);
         let (gravity, time) = (&self.parameters.gravity, self.clock.time());
         self.coupling.set_amplitudes(model, gravity, time);
         self.coupling.set_held(model, &self.held);

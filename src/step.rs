@@ -6,7 +6,7 @@ use crate::contact::nearby::Nearby;
 use crate::contact::{press, slide};
 use crate::couple::Before;
 use crate::cut;
-use crate::element::blend::Listed;
+use crate::element::listed::Listed;
 use crate::element::tetrahedra::Extent;
 use crate::energy::Account;
 use crate::haptics::slope::{self, Slopes};
@@ -113,7 +113,6 @@ pub struct Workspace {
     /// The last step was slept through.
     pub(crate) slept: bool,
     slopes: Slopes,
-    /// Of adaptive tissue.
     pub(crate) listed: Option<Listed>,
     start: State,
 }
@@ -150,7 +149,11 @@ impl Workspace {
             before: Before::with_room(model),
             loose: loose::Scratch::new(model),
             damped: 0.0,
-            listed: (state.live.blend.as_ref()).map(|blend| Listed::new(blend, nodes)),
+            listed: Listed::new(
+                state.live.elements.as_ref(),
+                state.live.blend.as_ref(),
+                nodes,
+            ),
             interface: guyan::Scratch::new(model),
             stages: runge_kutta_4::Scratch::new(model),
             implicit: implicit_euler::Scratch::new(model),
@@ -275,10 +278,8 @@ fn critical_at(model: &Model, state: &State, extent: &Extent) -> f64 {
     } else {
         model.limiting_frequency()
     };
-    let omega = omega
-        * model
-            .stiffening(extent, state.parameters.incompressibility)
-            .sqrt();
+    let stiffening = model.stiffening(extent, state.parameters.incompressibility);
+    let omega = (omega * omega * stiffening + extent.guard).sqrt();
     model.critical_step_at(omega, state.parameters.damping)
 }
 
@@ -458,7 +459,7 @@ pub fn advance(
     {
         return Err(StepError::NonFinite(state.clock.time()));
     }
-    state.extent = state.live.extent(&state.displacement);
+    state.extent = state.live.extent(&state.displacement, &mut work.points);
     check_inversion(model, state, &state.extent)?;
     let length = n as f64 * h;
     for (k, tool) in state.tools.iter_mut().enumerate() {

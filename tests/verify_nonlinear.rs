@@ -490,7 +490,7 @@ fn fresh_elements_are_the_same(model: &Model, s: &tissue::simulation::Simulation
     let mut one = vec![Lane::default(); u.len()];
     let mut other = one.clone();
     let mut points = vec![0.0; elements.points()];
-    let (energy, _) = elements.add_forces(u, &mut one, &mut points);
+    let (energy, _) = elements.add_forces(None, u, &mut one, &mut points, &s.state().live.mass);
     let numbered =
         |t: usize| left(t).map(|(shape, law)| (shape, law, model.material_index(t) as u32));
     let (fresh, _) = match elements {

@@ -131,7 +131,7 @@ impl Host {
                 .setBoolean(&reference, &[i32::from(value != 0.0)]),
             Kind::Integer => self.instance.setInteger(&reference, &[value as i32]),
         };
-        self.check(&format!("setting {} to {value}", variable.name), status)
+        self.check_with(|| format!("setting {} to {value}", variable.name), status)
     }
 
     pub fn reals(&self, references: &[u32], values: &mut [f64]) -> Result<(), Error> {
@@ -155,7 +155,7 @@ impl Host {
     /// One communication step to `end` \[s\].
     pub fn step_to(&mut self, end: f64) -> Result<(), Error> {
         let status = self.instance.doStep(self.time, end - self.time, 1);
-        self.check(&format!("the step at {} s", self.time), status)?;
+        self.check_with(|| format!("the step at {} s", self.time), status)?;
         self.time = end;
         Ok(())
     }
@@ -165,10 +165,16 @@ impl Host {
     }
 
     fn check(&self, what: &str, status: fmi2Status) -> Result<(), Error> {
+        self.check_with(|| what.to_string(), status)
+    }
+
+    /// Names what was done only where it failed: steps are timed.
+    fn check_with(&self, what: impl FnOnce() -> String, status: fmi2Status) -> Result<(), Error> {
         match status {
             fmi2Status::Ok | fmi2Status::Warning => Ok(()),
             other => Err(Error::Simulation(format!(
-                "{what} failed ({other:?}); see the FMU's log lines above"
+                "{} failed ({other:?}); see the FMU's log lines above",
+                what()
             ))),
         }
     }

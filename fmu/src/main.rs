@@ -100,6 +100,9 @@ enum Command {
         /// Instead: maps of where methods fail, each point a run; with --quick on coarse grids.
         #[arg(long)]
         maps: bool,
+        /// Instead: what scenes at rest cost, and the largest mesh of each model that keeps up with 1 kHz; with --quick one size.
+        #[arg(long, conflicts_with_all = ["maps", "random"])]
+        rate: bool,
         /// Instead: so many scenes drawn at random from a region that shall hold, each run to its end.
         #[arg(long, value_name = "N", num_args = 0..=1, default_missing_value = "10000", conflicts_with = "maps")]
         random: Option<u64>,
@@ -112,7 +115,7 @@ enum Command {
         /// Of --random; default: as many as the machine has cores.
         #[arg(long, requires = "random")]
         threads: Option<usize>,
-        /// Folder for chart.csv, front.md and the pictures; of maps for stability.csv and theirs; of --random for random.csv.
+        /// Folder for chart.csv, front.md and the pictures; of maps for stability.csv and theirs; of --rate for rate.csv, of --random for random.csv.
         #[arg(short, long, default_value = "target/chart")]
         output: PathBuf,
     },
@@ -192,6 +195,12 @@ fn main() -> ExitCode {
             output,
             ..
         } => command::chart::run_maps(quick, &output),
+        Command::Chart {
+            quick,
+            rate: true,
+            output,
+            ..
+        } => command::chart::run_rate(quick, &output),
         Command::Chart {
             random: Some(count),
             seed,

@@ -2,7 +2,9 @@
 
 pub mod blend;
 pub mod constant_strain;
+pub mod guard;
 pub mod kernel;
+pub mod listed;
 pub mod nodal_averaged;
 pub mod nodal_pressure;
 pub mod polynomial;
@@ -15,7 +17,9 @@ use crate::law::response::Law;
 use crate::model::tensor_mass::Lane;
 use crate::scene::{Element, Form, ModelSettings};
 use constant_strain::Shape;
+use guard::{Guard, Rows};
 use kernel::Kernel;
+use listed::Listed;
 use nodal_averaged::NodalAveraged;
 use nodal_pressure::NodalPressure;
 use polynomial::Polynomial;
@@ -26,7 +30,7 @@ use tetrahedra::{Extent, Tetrahedra};
 pub enum Elements {
     ConstantStrain(Tetrahedra),
     NodalPressure(Box<NodalPressure>),
-    /// The tetrahedra tell how far each of them is deformed, which averages hide.
+    /// The tetrahedra tell how far each of them is deformed, which averages hide, and may be guarded.
     NodalAveraged(Box<NodalAveraged>, Tetrahedra),
     /// Constant-strain tetrahedra that tell how far they are deformed, their forces in the papers' form.
     Polynomial(Box<Polynomial>, Tetrahedra),
@@ -59,6 +63,20 @@ impl Elements {
 
     pub fn law(&self) -> Law {
         self.tetrahedra().law
+    }
+
+    /// Keeps tetrahedra that need it from turning inside out, of so many of so many vertices.
+    pub(crate) fn guard(&mut self, tetrahedra: usize, nodes: usize) {
+        if let Elements::NodalAveraged(own, each) = self
+            && own.law == Law::StableNeoHookean
+        {
+            each.guard = Some(Box::new(Guard::new(each, tetrahedra, nodes)));
+        }
+    }
+
+    /// Those that are.
+    pub fn guarded(&self) -> Option<&Tetrahedra> {
+        Some(self.tetrahedra()).filter(|each| each.guard.is_some())
     }
 
     /// k of [`crate::law::volume_penalty`] \[Pa\].
@@ -129,19 +147,45 @@ impl Elements {
     pub fn points(&self) -> usize {
         match self {
             Elements::NodalPressure(own) => own.points(),
-            _ => 0,
+            _ => {
+                let guard = self.tetrahedra().guard.as_ref();
+                guard.map_or(0, |guard| guard.nodes())
+            }
         }
     }
 
     /// Adds dW/du \[N\] at displacements u to what there is. Returns W \[J\] and how far tissue is deformed. `points` is
-    /// scratch.
-    pub fn add_forces(&self, u: &[Lane], to: &mut [Lane], points: &mut [f64]) -> (f64, Extent) {
+    /// scratch, zero before and after. Of what is guarded only the `listed` is looked at; or all. `mass` of vertices \[kg\].
+    pub fn add_forces(
+        &self,
+        listed: Option<&Listed>,
+        u: &[Lane],
+        to: &mut [Lane],
+        points: &mut [f64],
+        mass: &[f64],
+    ) -> (f64, Extent) {
         match self {
             Elements::ConstantStrain(own) => own.add_forces(u, to),
             Elements::NodalPressure(own) => own.add_forces(u, to, points),
-            Elements::NodalAveraged(own, _) => own.add_forces(u, to),
+            Elements::NodalAveraged(own, each) => {
+                let (energy, mut extent) = own.add_forces(u, to);
+                let rows = Rows { sum: points, mass };
+                let more = each.resist(listed.and_then(Listed::guard), u, to, rows);
+                extent.guard = more.rate;
+                (energy + more.energy, extent)
+            }
             Elements::Polynomial(own, each) => (own.add_forces(u, to), each.extent(u)),
         }
+    }
+
+    /// How far single tetrahedra are deformed. `points` and `mass` as above.
+    pub fn extent(&self, u: &[Lane], points: &mut [f64], mass: &[f64]) -> Extent {
+        let mut extent = self.tetrahedra().extent(u);
+        if extent.least < guard::LEAST {
+            let rows = Rows { sum: points, mass };
+            extent.guard = self.tetrahedra().resistance(u, rows).rate;
+        }
+        extent
     }
 
     /// What the points of a vertex have of W \[J\], and the power of their forces at velocities v \[W\].
@@ -159,7 +203,11 @@ impl Elements {
         match self {
             Elements::ConstantStrain(_) | Elements::Polynomial(..) => None,
             Elements::NodalPressure(own) => Some(own.tangent(u)),
-            Elements::NodalAveraged(own, _) => Some(own.tangent(u)),
+            Elements::NodalAveraged(own, each) => {
+                let mut entries = own.tangent(u);
+                each.add_resistance(u, &mut entries);
+                Some(entries)
+            }
         }
     }
 

@@ -8,6 +8,7 @@
 use nalgebra::Matrix3;
 
 use super::constant_strain::Shape;
+use super::guard::Guard;
 use super::kernel::{Kernel, parameters};
 use crate::lanes::{self, Four, Plain, Square, Three, load3, product, sub3};
 use crate::law::linear::Hooke;
@@ -51,6 +52,8 @@ pub struct Tetrahedra {
     pub penalty: f64,
     /// Of each tetrahedron of the mesh, four times its group and its lane; or [`NONE`].
     place: Vec<u32>,
+    /// Where they are guarded.
+    pub(super) guard: Option<Box<Guard>>,
 }
 
 /// How far tissue is deformed, over all its tetrahedra.
@@ -61,6 +64,8 @@ pub struct Extent {
     /// Smallest and largest det F.
     pub least: f64,
     pub most: f64,
+    /// What guards add to the square of the highest frequency at most \[1/s²\].
+    pub guard: f64,
 }
 
 impl Extent {
@@ -69,6 +74,7 @@ impl Extent {
         self.trace = self.trace.max(other.trace);
         self.least = self.least.min(other.least);
         self.most = self.most.max(other.most);
+        self.guard = self.guard.max(other.guard);
     }
 }
 
@@ -79,6 +85,7 @@ impl Default for Extent {
             trace: 0.0,
             least: 1.0,
             most: 1.0,
+            guard: 0.0,
         }
     }
 }
@@ -158,6 +165,7 @@ impl Tetrahedra {
             has_fibre,
             penalty: 0.0,
             place,
+            guard: None,
         }
     }
 
@@ -247,7 +255,10 @@ impl Tetrahedra {
     }
 
     pub fn bytes(&self) -> usize {
-        size_of_val(&self.group[..]) + size_of_val(&self.extra[..]) + size_of_val(&self.place[..])
+        size_of_val(&self.group[..])
+            + size_of_val(&self.extra[..])
+            + size_of_val(&self.place[..])
+            + self.guard.as_ref().map_or(0, |guard| guard.bytes())
     }
 }
 
@@ -445,6 +456,7 @@ impl<V: Four> Reach<V> {
                 trace: a.max(b).max(c.max(d)),
                 least: e.min(f).min(g.min(h)),
                 most: i.max(j).max(k.max(l)),
+                guard: 0.0,
             }
         }
     }

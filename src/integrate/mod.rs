@@ -53,8 +53,14 @@ fn sweep(model: &Model, state: &mut State, work: &mut Workspace, by: &Advance) -
     let moving = model.parts.moving;
     work.loose.set_aside(state);
     inject(model, &state.coupling, &mut work.partial);
-    if let (Some(listed), Some(blend)) = (&mut work.listed, &state.live.blend) {
-        listed.refresh(blend, state.live.revision, &state.displacement[..moving]);
+    if let Some(listed) = &mut work.listed {
+        let (live, u) = (&state.live, &state.displacement[..moving]);
+        listed.refresh(
+            live.elements.as_ref(),
+            live.blend.as_ref(),
+            live.revision,
+            u,
+        );
     }
     let mut motion = Motion {
         displacement: &mut state.displacement[..moving],

@@ -24,7 +24,7 @@ pub fn sweep(
         .zip(&m.partial[connected])
         .map(|(u, f)| u.xyz().dot(&f.xyz()))
         .sum();
-    let (energy, extent) = elements.add_forces(m.displacement, m.partial, points);
+    let (energy, extent) = elements.add_forces(m.listed, m.displacement, m.partial, points, m.mass);
     let mut sums = advance(used.start, m, by);
     sums.elastic = 2.0 * energy + virial;
     sums.extent = extent;

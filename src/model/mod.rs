@@ -539,7 +539,11 @@ impl Model {
                         Element::ConstantStrain => *law,
                         // The rest is that of its vertices.
                         Element::NodalPressure => law.without_lambda(),
-                        Element::NodalAveraged => return Default::default(),
+                        // As all but the guard.
+                        Element::NodalAveraged => {
+                            let (force, energy) = live.guard_force(self, t, u);
+                            return (force, [0.25 * energy; 4]);
+                        }
                     };
                     let (force, energy) = tetrahedra::force(kind, &law, shape, u);
                     (force, [0.25 * energy; 4])

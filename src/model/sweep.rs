@@ -13,7 +13,7 @@
 //! A degree of freedom whose inverse mass is given as 0 keeps its velocity.
 
 use super::tensor_mass::{Lane, Pattern, Tensors};
-use crate::element::blend::Listed;
+use crate::element::listed::Listed;
 use crate::element::tetrahedra::Extent;
 
 /// What moves. All slices have one entry a node.
@@ -32,7 +32,7 @@ pub struct Motion<'a> {
     pub inverse_mass: &'a [Lane],
     /// \[kg\]
     pub mass: &'a [f64],
-    /// Of adaptive tissue: what has to be looked at; all of it where not given.
+    /// What has to be looked at of tissue that is adaptive or guarded; all of it where not given.
     pub listed: Option<&'a Listed>,
 }
 

@@ -8,8 +8,10 @@ use std::path::Path;
 use std::time::Instant;
 
 use tissue::calibration::Calibration;
-use tissue::element::blend::{Blend, Listed};
+use tissue::element::Elements;
+use tissue::element::blend::{self, Blend};
 use tissue::element::kernel::Kernel;
+use tissue::element::listed::Listed;
 use tissue::element::nodal_averaged::NodalAveraged;
 use tissue::element::nodal_pressure::NodalPressure;
 use tissue::element::polynomial::Polynomial;
@@ -18,7 +20,7 @@ use tissue::law::response::Law;
 use tissue::mesh::Vec3;
 use tissue::model::sweep::{Advance, Motion, sweep};
 use tissue::model::tensor_mass::Lane;
-use tissue::scene::Adaptive;
+use tissue::scene::{Adaptive, Elasticity};
 
 const LIVER: &str = include_str!("../../examples/hepatectomy.json");
 const ROUNDS: usize = 201;
@@ -60,7 +62,15 @@ fn main() {
         })
     };
     let averaged_venant = averaged(Law::StVenantKirchhoff);
-    let averaged_hookean = averaged(Law::StableNeoHookean);
+    // With its guard, as the product has it.
+    let mut scene = model.scene.clone();
+    scene.model.elasticity = Elasticity::StableNeoHookean;
+    let guarded = model.with_scene(scene).expect("the same mesh");
+    let guarded = guarded.whole.elements.as_ref();
+    let averaged_hookean = guarded.expect("elements of another law");
+    assert!(matches!(averaged_hookean, Elements::NodalAveraged(..)));
+    let mut near = Listed::new(guarded, None, n).expect("a guard");
+    let mut rows = vec![0.0; averaged_hookean.points()];
     let averaged_linear = averaged(Law::Linear);
     // Pressed in at one vertex; a tenth of the tetrahedra beyond the threshold.
     let at = model.mesh.nodes[model.surface_nodes[0] as usize];
@@ -82,7 +92,7 @@ fn main() {
             false => high = blend.threshold,
         }
     }
-    let mut listed = Listed::new(&blend, n);
+    let mut listed = blend::Listed::new(&blend, n);
     let zeros = vec![Lane::default(); n];
     let (mut v, mut w) = (zeros.clone(), u.clone());
     let (mut residual, mut partial) = (zeros.clone(), zeros.clone());
@@ -139,7 +149,14 @@ fn main() {
             black_box(averaged_venant.add_forces_plain(&u, &mut out));
         });
         run(8, &mut || {
-            black_box(averaged_hookean.add_forces(&u, &mut out));
+            near.refresh(guarded, None, 0, &u);
+            black_box(averaged_hookean.add_forces(
+                Some(&near),
+                &u,
+                &mut out,
+                &mut rows,
+                &model.whole.mass,
+            ));
         });
         let mut substep = |partial: &mut [Lane]| {
             let mut motion = Motion {

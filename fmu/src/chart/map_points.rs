@@ -2,10 +2,13 @@
 
 use tissue::mesh::box_mesh;
 use tissue::mesh::{TetMesh, Vec3};
+use tissue::model::tensor_mass::Lane;
 use tissue::reference;
 use tissue::simulation::Simulation;
+use tissue::state::State;
+use tissue::step::{Workspace, advance};
 
-use super::maps::{Cell, LAWS, Outcome, cell, model, stopped};
+use super::maps::{Cell, GROWN, LAWS, Outcome, cell, model, stopped};
 use super::random::least_dihedral;
 
 /// A bar of 60 x 30 x 30 mm whose nodes were moved, each its own way, until the smallest dihedral angle \[degrees\] is so small.
@@ -75,27 +78,32 @@ pub fn quality(panel: &str, dihedral: f64, ratio: f64) -> Cell {
 /// Equilibria that are off by more than this \[%\] are another tissue's.
 const SHIFTED: f64 = 5.0;
 
+/// A cantilever that is let go under its weight, with settings of its model.
+fn cantilever(damping: f64, kind: &str) -> String {
+    format!(
+        r#"{{"name": "bar", "mesh": {{"box": {{"size": [0.1, 0.03, 0.03], "cells": [10, 3, 3]}}}},
+        "materials": [{{"where": {{"all": true}}, "youngModulus": 20000, "poissonRatio": 0.4, "density": 1000}}],
+        "fixed": [{{"box": {{"min": [0, 0, 0], "max": [0, 1, 1]}}}}], "gravity": [0, 0, -2],
+        "integration": {{"scheme": "symplecticEuler", "damping": {damping}}}, "model": {{{kind}}}}}"#
+    )
+}
+
+/// The half that moves by itself; the held one is pre-computed.
+const OUTER_HALF: &str =
+    r#""kind": "hybrid", "dynamic": {"halfSpace": {"point": [0.05, 0, 0], "normal": [1, 0, 0]}}"#;
+
 pub fn interface(panel: &str, modes: f64, damping: f64) -> Cell {
-    let text = |kind: &str| {
-        format!(
-            r#"{{"name": "bar", "mesh": {{"box": {{"size": [0.1, 0.03, 0.03], "cells": [10, 3, 3]}}}},
-            "materials": [{{"where": {{"all": true}}, "youngModulus": 20000, "poissonRatio": 0.4, "density": 1000}}],
-            "fixed": [{{"box": {{"min": [0, 0, 0], "max": [0, 1, 1]}}}}], "gravity": [0, 0, -2],
-            "integration": {{"scheme": "symplecticEuler", "damping": {damping}}}, "model": {{{kind}}}}}"#
-        )
-    };
     cell((|| {
-        let whole = model(&text(r#""kind": "tensorMass""#))?;
+        let whole = model(&cantilever(damping, r#""kind": "tensorMass""#))?;
         let truth = reference::solve(&whole, false).map_err(|e| e.to_string())?;
         let modes = match modes < 48.0 {
             true => format!("{modes}"),
             false => "null".into(),
         };
         let safe = modes == "null";
-        let kind = format!(
-            r#""kind": "hybrid", "dynamic": {{"halfSpace": {{"point": [0.05, 0, 0], "normal": [1, 0, 0]}}}}, "interfaceModes": {modes}, "interfaceMass": "{panel}""#
-        );
-        let model = model(&text(&kind))?;
+        let kind =
+            format!(r#"{OUTER_HALF}, "interfaceModes": {modes}, "interfaceMass": "{panel}""#);
+        let model = model(&cantilever(damping, &kind))?;
         let mut s = Simulation::new(model.clone());
         let mut halvings = 0;
         let end = model
@@ -122,6 +130,63 @@ pub fn interface(panel: &str, modes: f64, damping: f64) -> Cell {
         let off = 100.0 * (sum / count / truth.displacement[end][2] - 1.0);
         let shifted = (off.abs() > SHIFTED).then(|| format!("equilibrium off by {off:+.1} %"));
         Ok(Cell::ended(halvings, off, safe, shifted))
+    })())
+}
+
+/// The pre-computed half answers to where the interface was some substeps ago, in place of where it is.
+pub fn delay(panel: &str, late: f64, damping: f64) -> Cell {
+    let (late, held) = (late as usize, panel == "kept");
+    cell((|| {
+        let model = model(&cantilever(damping, OUTER_HALF))?;
+        let at_rest = reference::solve(&model, false).map_err(|e| e.to_string())?;
+        let length = |u: &[f64; 3]| Vec3::from(*u).norm();
+        let scale = at_rest.displacement.iter().map(length).fold(0.0, f64::max);
+        let h = 0.5 * model.critical_step(damping);
+        let mut state = State::new(&model);
+        let mut work = Workspace::new(&model, &state);
+        let interface = model.parts.connected_from()..model.parts.moving;
+        let weight: Vec<Vec3> = (interface.clone().map(|i| state.external[i].xyz())).collect();
+        let forces = |state: &State| -> Vec<Vec3> {
+            let mut coupling = state.coupling.clone();
+            coupling.solve(&model, &state.displacement);
+            (interface.clone().map(|i| coupling.force_on(&model, i))).collect()
+        };
+        // Forces on the interface, the oldest first.
+        let mut known = std::collections::VecDeque::new();
+        let (mut most, safe) = (0.0f64, late == 0);
+        let steps = (1.0 / h).ceil() as usize;
+        for k in 0..steps {
+            let now = forces(&state);
+            known.push_back(now.clone());
+            let kept = if held { k % (late + 1) } else { late };
+            let old = known[known.len() - 1 - kept.min(known.len() - 1)].clone();
+            if known.len() > late {
+                known.pop_front();
+            }
+            for (node, i) in interface.clone().enumerate() {
+                let force = weight[node] + old[node] - now[node];
+                let change = force - state.external[i].xyz();
+                let u =
+                    state.displacement[i].xyz() - state.velocity[i].xyz() * (0.5 * state.clock.lag);
+                state.account.support_work -= change.dot(&u);
+                state.external[i] = Lane::from(force);
+            }
+            if let Err(e) = advance(&model, &mut state, &mut work, 1, h) {
+                let symptom = format!("after {:.0} ms: {}", 1e3 * h * k as f64, stopped(&e));
+                return Ok(Cell::of(Outcome::Failed, safe, symptom));
+            }
+            let moved = state.displacement.iter().map(|u| u.xyz().norm());
+            most = most.max(moved.fold(0.0, f64::max));
+            if most.is_nan() || most >= GROWN * scale {
+                let symptom = format!(
+                    "grew to {:.0} times in {:.0} ms",
+                    most / scale,
+                    1e3 * h * k as f64
+                );
+                return Ok(Cell::of(Outcome::Failed, safe, symptom));
+            }
+        }
+        Ok(Cell::ended(0, most / scale, safe, None))
     })())
 }
 

@@ -84,7 +84,7 @@ pub struct MapRow {
     pub run: fn(&str, f64, f64) -> Cell,
 }
 
-pub const MAPS: [MapRow; 10] = [
+pub const MAPS: [MapRow; 11] = [
     MapRow {
         name: "substep",
         title: "Substep and damping",
@@ -294,6 +294,29 @@ pub const MAPS: [MapRow; 10] = [
         run: map_points::interface,
     },
     MapRow {
+        name: "delay",
+        title: "Coupling delay of a hybrid",
+        sentence: "the same cantilever let go, 1 s: the force of the pre-computed half is some substeps old at each substep, or kept for so many more",
+        region: "no delay: coupled in each substep, as the product does",
+        failed: "past ten times the static displacement, or the energy balance off",
+        measure: "largest displacement, of the static one",
+        panels: &["late", "kept"],
+        columns: 2,
+        x: MapAxis {
+            label: "substeps",
+            names: &[],
+            values: &[0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0],
+            quick: &[0, 1, 4],
+        },
+        y: MapAxis {
+            label: "damping in 1/s",
+            names: &[],
+            values: &[0.0, 1.0, 10.0, 100.0, 1000.0],
+            quick: &[2],
+        },
+        run: map_points::delay,
+    },
+    MapRow {
         name: "contact",
         title: "Sliding contact",
         sentence: "a ball of 6 mm radius pressed 2 mm into a block of linear tissue and drawn along it to where the block is held",
@@ -417,7 +440,7 @@ pub fn cell(found: Result<Cell, String>) -> Cell {
 }
 
 /// Displacements past so many times the static ones are growth, not swinging: a mode swings to twice.
-const GROWN: f64 = 10.0;
+pub const GROWN: f64 = 10.0;
 
 fn substep(panel: &str, omega_h: f64, zeta: f64) -> Cell {
     let (scheme, how) = panel.split_once(", ").unwrap_or((panel, ""));

@@ -4,7 +4,7 @@
 //! runs it, [`compare`] puts shapes of different meshes side by side, [`desk`] compares a run with the reference,
 //! [`work`] counts what a substep computes. [`study`] decides what is run and what is known already, [`record`] is a row
 //! of the CSV, [`front`](mod@front) finds what nothing beats, and [`sheet`] draws it. [`maps`] and [`map_points`] run the points of the
-//! stability maps, [`map_sheet`] draws them. [`mod@random`] draws scenes from the region that shall hold, [`random_run`] runs them.
+//! stability maps, [`map_sheet`] draws them. [`mod@random`] draws scenes from the region that shall hold, [`random_run`] runs them. [`rate`] finds how much tissue runs at 1 kHz.
 
 pub mod body;
 pub mod compare;
@@ -16,6 +16,7 @@ pub mod maps;
 pub mod measure;
 pub mod random;
 pub mod random_run;
+pub mod rate;
 pub mod record;
 pub mod scenes;
 pub mod settings;

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use super::{bar, say};
-use crate::chart::{map_sheet, maps, random_run, record, sheet, study};
+use crate::chart::{map_sheet, maps, random_run, rate, record, sheet, study};
 use crate::error::{Error, file};
 use crate::write;
 
@@ -69,6 +69,41 @@ pub fn run_maps(quick: bool, output: &Path) -> Result<(), Error> {
         path.display(),
         start.elapsed().as_secs_f64()
     ))
+}
+
+/// `--rate`: what scenes at rest cost, and the largest mesh of each model that keeps up with 1 kHz.
+pub fn run_rate(quick: bool, output: &Path) -> Result<(), Error> {
+    let path = output.join("rate.csv");
+    let progress = bar(rate::RATES.len() as u64, "scenes at rest");
+    let start = Instant::now();
+    let mut text = format!("{}\n", rate::HEADER);
+    for found in rate::at_rest(quick)? {
+        progress.suspend(|| say(&found.line()))?;
+        text += &found.csv();
+    }
+    let mut best: Vec<rate::Rate> = Vec::new();
+    rate::largest(quick, &progress, |found| {
+        progress.suspend(|| say(&found.line()))?;
+        text += &found.csv();
+        let known = best.iter_mut().find(|b| b.name == found.name);
+        match known {
+            _ if !found.holds() => {}
+            Some(known) if found.tetrahedra < known.tetrahedra => {}
+            Some(known) => *known = found,
+            None => best.push(found),
+        }
+        Ok(())
+    })?;
+    write::whole(&path, |out| out.write_all(text.as_bytes()))?;
+    progress.finish_and_clear();
+    for found in &best {
+        say(&format!(
+            "largest at 1 kHz: {}, {} tetrahedra",
+            found.name, found.tetrahedra
+        ))?;
+    }
+    let seconds = start.elapsed().as_secs_f64();
+    say(&format!("{}: measured in {seconds:.0} s", path.display()))
 }
 
 /// `--random`: scenes drawn at random, each run to its end; an error where one failed.
