@@ -8,7 +8,7 @@ import pytest
 
 MAPS = (
     "substep", "compression", "poisson", "speed", "threshold", "tearing",
-    "quality", "interface", "contact", "fragments",
+    "quality", "interface", "delay", "contact", "fragments",
 )
 OUTCOMES = {"stable", "halved", "discarded", "refused", "failed"}
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -40,7 +40,7 @@ def check(rows):
         if row["value"]:
             assert abs(float(row["value"])) < 1e4
         if row["safe"] == "true":
-            assert row["outcome"] == "stable" or (row["map"] in ("speed", "contact", "fragments") and row["outcome"] == "halved"), row
+            assert row["outcome"] == "stable" or (row["map"] in ("compression", "speed", "contact", "fragments") and row["outcome"] == "halved"), row
         if row["outcome"] != "stable":
             assert row["symptom"]
     assert {r["map"] for r in rows if r["safe"] == "true"} == set(MAPS)
@@ -103,6 +103,8 @@ def test_remedies(maps):
     chosen = of(rows, "quality", panel="substep chosen")
     given = of(rows, "quality", panel="substep of the regular mesh", x="2", y="64")
     assert {r["outcome"] for r in chosen} == {"stable"} and given[0]["outcome"] == "discarded"
+    late = {r["x"]: r["outcome"] for r in of(rows, "delay")}
+    assert late == {"0": "stable", "1": "failed", "8": "failed"}
     few, many = (of(rows, "interface", panel="lumped", x=x)[0] for x in ("0", "24"))
     assert few["outcome"] == "failed" and abs(float(many["value"])) < 1
     assert all(float(r["value"]) < 0.1 for r in of(rows, "fragments"))

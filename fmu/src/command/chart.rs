@@ -130,12 +130,14 @@ pub fn run_random(
         random_run::region(),
         random_run::summary(&ended)
     ))?;
-    for e in &failed {
+    let gave_way: Vec<_> = ended.iter().filter(|e| e.gave_way()).collect();
+    for e in failed.iter().chain(&gave_way) {
         say(&format!("seed {seed}, scene {}: {}", e.index, e.symptom))?;
     }
     let verdict = format!(
-        "{count} scenes run in {:.0} s, {} failed",
+        "{count} scenes run in {:.0} s, {} stopped at det F = 0 with the state kept, {} failed",
         start.elapsed().as_secs_f64(),
+        gave_way.len(),
         failed.len()
     );
     match failed.is_empty() {
