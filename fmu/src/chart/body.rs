@@ -150,7 +150,7 @@ mod tests {
     }
 
     /// On boxes the grip covers the same area at every size; that of the liver, whose meshes have no common lines, is
-    /// within a hundredth.
+    /// within a hundredth; the end of a cylinder is a polygon, a twentieth smaller on the coarsest mesh.
     #[test]
     fn a_patch_is_the_same_on_every_mesh() {
         for row in &SCENES {
@@ -160,7 +160,11 @@ mod tests {
             let last = footprint(&bodies[3]);
             for (k, body) in bodies.iter().enumerate() {
                 let off = footprint(body) / last - 1.0;
-                let allowed = if row.name == "liver" { 0.01 } else { 1e-9 };
+                let allowed = match row.name {
+                    "liver" => 0.01,
+                    "cylinder" => 0.05,
+                    _ => 1e-9,
+                };
                 println!(
                     "{}: {} nodes, {} tetrahedra, patch of {} nodes, area {:+.2} %",
                     row.name,

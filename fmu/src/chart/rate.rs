@@ -33,7 +33,7 @@ pub struct RateRow {
     pub to: f64,
 }
 
-const TIP: &str = r#""dynamic": {"halfSpace": {"point": [0.0895, 0, 0], "normal": [1, 0, 0]}}, "touchable": {"sphere": {"center": [0.0895, 0, 0], "radius": 0.03}}"#;
+const TIP: &str = r#""dynamic": {"halfSpace": {"point": [0.094, 0, 0], "normal": [1, 0, 0]}}, "touchable": {"sphere": {"center": [0.094, 0, 0], "radius": 0.03}}"#;
 
 /// `TIP` stands for the tip of the left lobe, the only part that tools reach.
 pub const RATES: [RateRow; 5] = [
@@ -158,11 +158,11 @@ time,tool[1].position.x,tool[1].position.y,tool[1].position.z,tool[1].active,too
 0,0.17,-0.04,0.06,false,0.15,-0.17,0.05,false
 0.5,0.124,-0.018,-0.004,false,0.15,-0.17,0.05,false
 0.6,0.124,-0.018,-0.004,true,0.15,-0.17,0.05,false
-1.5,0.128,-0.02,0.008,true,0.105,-0.1,-0.04,false
-1.7,0.128,-0.02,0.008,true,0.105,-0.085,-0.04,true
-4.2,0.13,-0.02,0.01,true,0.105,0.06,-0.04,true
-4.3,0.13,-0.02,0.01,true,0.105,0.065,-0.04,false
-5.0,0.14,-0.03,0.03,true,0.105,0.1,0.06,false
+1.5,0.128,-0.02,0.008,true,0.114,-0.1,-0.04,false
+1.7,0.128,-0.02,0.008,true,0.114,-0.085,-0.04,true
+4.2,0.13,-0.02,0.01,true,0.114,0.06,-0.04,true
+4.3,0.13,-0.02,0.01,true,0.114,0.065,-0.04,false
+5.0,0.14,-0.03,0.03,true,0.114,0.1,0.06,false
 ";
 
 /// An FMU of a scene, in a folder of its own.

@@ -54,7 +54,7 @@ pub fn way(step: usize) -> f64 {
     s * s * s * (10.0 + s * (6.0 * s - 15.0))
 }
 
-pub const SCENES: [SceneRow; 4] = [
+pub const SCENES: [SceneRow; 5] = [
     SceneRow {
         name: "plate",
         sentence: "pressed_plate: 220 x 100 x 20 mm, held at two ends, a patch of 40 x 40 mm pressed in by up to 12 mm",
@@ -90,6 +90,22 @@ pub const SCENES: [SceneRow; 4] = [
         reach: [-0.004, 0.0, -0.03],
         damping: 330.0,
         hold: 150,
+    },
+    SceneRow {
+        name: "cylinder",
+        sentence: "pulled_cylinder: 38 x 100 mm, clamped at its base, its top pulled aside by up to 30 mm and up by up to 10 mm without turning",
+        text: include_str!("../../../examples/pulled_cylinder.json"),
+        mesh: |edge_length| MeshSource::Cylinder {
+            radius: 0.019,
+            height: 0.1,
+            edge_length,
+        },
+        sizes: [0.01, 0.006, 0.004],
+        reference: 0.003,
+        patch: || within([-1.0, -1.0, 0.1], [1.0, 1.0, 0.1]),
+        reach: [0.03, 0.0, 0.01],
+        damping: 200.0,
+        hold: 200,
     },
     SceneRow {
         name: "liver",
