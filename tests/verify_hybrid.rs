@@ -175,6 +175,38 @@ fn contact_forces_are_those_of_the_whole() {
     }
 }
 
+/// Tissue that nothing can touch, and nobody sees, is not known: tools do the same beside it.
+#[test]
+fn what_nobody_sees_changes_nothing() {
+    let run = |vertices: &str| {
+        let model = r#"{"kind": "hybrid", "dynamic": {"halfSpace": {"point": [0.05, 0, 0], "normal": [1, 0, 0]}}, "touchable": {"halfSpace": {"point": [0.04, 0, 0], "normal": [1, 0, 0]}}}"#;
+        let outputs = format!(r#""outputs": {{"vertices": "{vertices}"}}"#);
+        let text = bar(model, "")
+            .replace(r#""kind": "probe""#, r#""kind": "grasper""#)
+            .replace(r#""outputs": {"triangles": true}"#, &outputs);
+        let mut s = common::simulation(&text);
+        for tool in 0..2 {
+            s.set_active(tool, true);
+        }
+        s.set_pose_input(0, 2, 0.0225);
+        s.set_pose_input(1, 2, 0.0045);
+        s.place_tools().unwrap();
+        let mut forces = vec![];
+        for k in 0..40 {
+            s.set_pose_input(1, 0, 0.0985 - 2e-5 * f64::from(k));
+            settle(&mut s, 1);
+            forces.push([s.tool(0).force, s.tool(1).force]);
+        }
+        (s.model().parts.known, forces)
+    };
+    let (known, all) = run("surface");
+    let (fewer, none) = run("none");
+    assert!(fewer < known && all[39][1].norm() > 0.01);
+    let off = |(a, b): (&[Vec3; 2], &[Vec3; 2])| (a[0] - b[0]).norm().max((a[1] - b[1]).norm());
+    let off = all.iter().zip(&none).map(off).fold(0.0, f64::max);
+    assert!(off < 1e-9 * all[39][1].norm(), "{off:e}");
+}
+
 /// Through contact, grasp, cut, ramps and changes of gravity, tools on either part and both.
 #[test]
 fn the_account_closes_whatever_happens() {

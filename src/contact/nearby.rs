@@ -69,14 +69,17 @@ impl Nearby {
                 return;
             }
         }
+        let reachable = (model.parts.moving + model.parts.touchable) as u32;
         tool.slack = reach + more;
         (tool.pose, tool.moved) = (Some(*pose), moved);
         tool.faces.clear();
         tool.ends.clear();
         for capsule in shape.at(pose) {
+            // Where vertices are that nothing can touch may not be known.
             let near = |face: &&u32| {
-                let x = corners(state, &state.live.triangle(model, **face));
-                is_near(&capsule, &x, tool.slack)
+                let nodes = state.live.triangle(model, **face);
+                nodes.iter().all(|v| *v < reachable)
+                    && is_near(&capsule, &corners(state, &nodes), tool.slack)
             };
             tool.faces.extend(state.live.surface.iter().filter(near));
             tool.ends.push(tool.faces.len());
