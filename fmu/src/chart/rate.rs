@@ -165,6 +165,9 @@ time,tool[1].position.x,tool[1].position.y,tool[1].position.z,tool[1].active,too
 5.0,0.14,-0.03,0.03,true,0.114,0.1,0.06,false
 ";
 
+/// Of [`MOTION`] \[s\].
+const END: f64 = 5.0;
+
 /// An FMU of a scene, in a folder of its own.
 struct Packed {
     folder: tempfile::TempDir,
@@ -229,7 +232,7 @@ fn references(host: &Host, which: impl Fn(&str) -> bool) -> Vec<u32> {
 }
 
 /// A model on a mesh of such edges, all runs.
-fn measure(row: &RateRow, edge: f64, stop: f64, runs: usize) -> Result<Rate, Error> {
+fn measure(row: &RateRow, edge: f64, runs: usize) -> Result<Rate, Error> {
     let packed = Packed::new(&scene(edge, row.model, "surface"))?;
     let mut calibration = Calibration::default();
     let (mut each, mut singles, mut machine) = (Vec::new(), Vec::new(), Vec::new());
@@ -237,7 +240,7 @@ fn measure(row: &RateRow, edge: f64, stop: f64, runs: usize) -> Result<Rate, Err
     for _ in 0..runs {
         machine.push(calibration.seconds(101));
         let times;
-        (times, substeps, removed) = drive(&packed, MOTION, stop)?;
+        (times, substeps, removed) = drive(&packed, MOTION, END)?;
         singles.push(quantile(&times, 0.999));
         match each.is_empty() {
             true => each = times,
@@ -272,7 +275,7 @@ pub fn largest(
     for row in &RATES {
         progress.set_message(row.name);
         if quick {
-            found(measure(row, 0.015, 2.5, 1)?)?;
+            found(measure(row, 0.015, 1)?)?;
             progress.inc(1);
             continue;
         }
@@ -282,7 +285,7 @@ pub fn largest(
         while high - low > 1 {
             let middle = (low + high) / 2;
             let edge = row.from * FINER.powi(middle);
-            let rate = measure(row, edge, 5.0, RUNS)?;
+            let rate = measure(row, edge, RUNS)?;
             match rate.holds() {
                 true => low = middle,
                 false => high = middle,
