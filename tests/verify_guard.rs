@@ -60,7 +60,10 @@ fn ratio(model: &Model, t: usize, u: &[Lane]) -> f64 {
     model.shape[t].deformation_gradient(&own).determinant()
 }
 
-fn forces(live: &LiveMesh, u: &[Lane]) -> (f64, Vec<Lane>, f64) {
+/// Energy \[J\], forces \[N\] and the guard's rate \[1/s²\].
+type Evaluated = (f64, Vec<Lane>, f64);
+
+fn forces(live: &LiveMesh, u: &[Lane]) -> Evaluated {
     let mut to = vec![Lane::default(); u.len()];
     let mut rows = vec![0.0; live.points()];
     let (energy, extent) = elements(live).add_forces(None, u, &mut to, &mut rows, &live.mass);
@@ -142,7 +145,7 @@ fn forces_and_tangent_are_derivatives() {
             .map(|i| Vec3::new(wave(i, 1.1), wave(i, 1.7), wave(i, 2.3)))
             .collect();
         let [a, b, c, d] = [h, -h, 2.0 * h, -2.0 * h].map(|h| along(&direction, h));
-        let slope = |of: &dyn Fn(&(f64, Vec<Lane>, f64)) -> f64| {
+        let slope = |of: &dyn Fn(&Evaluated) -> f64| {
             (8.0 * (of(&a) - of(&b)) - of(&c) + of(&d)) / (12.0 * h)
         };
         let power: f64 = f.iter().zip(&direction).map(|(f, d)| f.xyz().dot(d)).sum();

@@ -84,7 +84,7 @@ impl Guard {
         }
     }
 
-    /// Rows of [`Rows`].
+    /// Vertices, of each of which rates are summed.
     pub fn nodes(&self) -> usize {
         self.nodes
     }
